@@ -54,8 +54,10 @@ VARIANTS = (
             'what it is worth not to square large errors'),
     Variant('no level 8', IMITATION, {'curriculum_wide_level': 0},
             'what level 8 costs on level 7'),
-    Variant('all layers', PPO, {'trained_layers': 0},
-            'what it is worth to train the last layer only'),
+    Variant('independent noise', PPO, {'exploration': 'independent'},
+            'what noise is worth that is one function of the state'),
+    Variant('last layer', PPO, {'trained_layers': 1},
+            'whether the last layer has to learn alone'),
     Variant('2 copies', PPO, {'start_copies': 2}, 'more starts, each judged by fewer copies'),
     Variant('32 copies', PPO, {'start_copies': 32}, 'fewer starts, each judged by more copies'),
     Variant('critic', PPO, CRITIC, 'what copies are worth: the critic judges, with GAE'),
@@ -73,7 +75,7 @@ VARIANTS = (
             'hardly any noise'),
     Variant('from level 1', PPO, {'curriculum_start_level': 1},
             'what a curriculum is worth after a clone that lands'),
-    Variant('batch 8 192', PPO, {'batch_size': 8192}, 'eight times as many steps of Adam'),
+    Variant('batch 65 536', PPO, {'batch_size': 65536}, 'an eighth of the steps of Adam'),
 )
 
 

@@ -126,7 +126,7 @@ def train(
 
 @pytest.mark.slow
 @pytest.mark.parametrize('settings', [
-    {}, {'exploration': 'state_dependent', 'normalise_starts': False}])
+    {}, {'exploration': 'independent', 'normalise_starts': False}])
 def test_training_by_copies_is_the_same_bits_again_and_after_a_resume(
         tmp_path: Path, settings: dict[str, Any]) -> None:
     whole = train(tmp_path / 'whole', **settings)
@@ -142,7 +142,7 @@ def test_training_by_copies_is_the_same_bits_again_and_after_a_resume(
 
 @pytest.mark.slow
 @pytest.mark.parametrize('settings', [
-    {'exploration': 'state_dependent'}, {'normalise_starts': False}])
+    {'exploration': 'independent'}, {'normalise_starts': False}])
 def test_a_training_depends_on_its_exploration_and_its_advantages(
         tmp_path: Path, settings: dict[str, Any]) -> None:
     plain, other = (
