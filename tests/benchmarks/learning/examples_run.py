@@ -96,9 +96,9 @@ class Recorder:
             self.stepped(env.num_envs, found[4])
             return found
 
-        def begun(envs: ReverseCurriculum, seed: int | None) -> Any:
-            self.reach = 0.0 if envs.over else envs.reach
-            return begin(envs, seed)
+        def begun(envs: ReverseCurriculum, seed: int | None, reach: float, options: Any) -> Any:
+            self.reach = 0.0 if envs.over else reach
+            return begin(envs, seed, reach, options)
 
         HoverslamVectorEnv.step = recorded  # type: ignore[method-assign]
         ReverseCurriculum._begin = begun  # type: ignore[method-assign]
