@@ -205,7 +205,7 @@ def _rollouts_finding(f: Figures) -> str:
 
 def _fleet_finding(f: Figures) -> str:
     last, row = list(f['fleet'].items())[-1]
-    return (f'With {last} simulators, an exchange costs the agent '
+    return (f'With {last} simulators, an exchange costs the agent\n'
             f'{row["ratio"]:.2f} times as much as with one')
 
 
@@ -236,8 +236,7 @@ def _threads_finding(f: Figures) -> str:
 
 
 def _learner_finding(f: Figures) -> str:
-    gains = [row['samples_per_second']['ours'] / row['SB3'] for row in f['learner']
-             if row.get('SB3')]
+    gains = [row['ratio'] for row in f['learner'] if 'ratio' in row]
     if not gains:
         return 'Updates reach this share of the bare products'
     return f'An update is {min(gains):.1f} to {max(gains):.1f} times as fast as stable-baselines3'

@@ -115,15 +115,15 @@ def test_text_of_roll_outs_and_many_simulators() -> None:
         '256': {'ratio': {'DDS, 2': 0.41}}, '4096': {'ratio': {'DDS, 2': 0.99}}}},
      '41% with 256, 99% with 4,096'),
     ('fleet', {'fleet': {'1': {'ratio': 1.0}, '16': {'ratio': 0.6}}},
-     'With 16 simulators, an exchange costs the agent 0.60 times'),
+     'With 16 simulators, an exchange costs the agent\n0.60 times'),
     ('stepping', {'ratios': {'lunar_lander': {'EnvPool': 3.94}}}, '3.9 times as many steps'),
     ('threads', {'threads': [
         {'threads': 2, 'gain': 1.1, 'size': 64, 'world': 'rocket'},
         {'threads': 2, 'gain': 1.54, 'size': 256, 'world': 'lunar_lander'}]},
      'up to 1.54 times as fast as one: 256 of lunar_lander'),
     ('learner', {'learner': [
-        {'samples_per_second': {'ours': 9.0}, 'SB3': 3.0},
-        {'samples_per_second': {'ours': 22.0}, 'SB3': 2.0}]}, '3.0 to 11.0 times'),
+        {'samples_per_second': {'ours': 9.0}, 'SB3': 3.2, 'ratio': 3.0},
+        {'samples_per_second': {'ours': 22.0}, 'SB3': 2.2, 'ratio': 11.0}]}, '3.0 to 11.0 times'),
     ('learner', {'learner': [{'samples_per_second': {'ours': 9.0}}]}, 'of the bare products'),
     ('recorder', {'ros_bridge, training': {'ratio': 0.956}}, 'run\nat 96% of'),
 ])
