@@ -308,9 +308,11 @@ def check_world(config: Config, spec: WorldSpec) -> None:
         if value != unset and 'spawn_heading' not in spec.settings:
             raise ValueError(
                 f'{name}: got {value:g}, expected none, as world {spec.name!r} has no headings')
-    for info in settings_module.describe(DemonstrationConfig):
-        value = getattr(config.demonstration, info.name)
-        if not levels and info.name in _STARTS_OF_LEVELS and value != info.default:
-            raise ValueError(
-                f'{info.name}: got {value:g}, expected {info.default:g}, the default, as world '
-                f'{spec.name!r} has no levels')
+    if not levels:
+        usual = DemonstrationConfig()
+        for name in _STARTS_OF_LEVELS:
+            value, default = getattr(config.demonstration, name), getattr(usual, name)
+            if value != default:
+                raise ValueError(
+                    f'{name}: got {value:g}, expected {default:g}, the default, as world '
+                    f'{spec.name!r} has no levels')
