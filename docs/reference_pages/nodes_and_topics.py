@@ -47,7 +47,8 @@ _MEANING = {
                              '`lunar_lander` also the legs, rad outwards.',
     'rocket_*/wrench': 'Force of the engines, N, and torque of the attitude control, N m, in the '
                        'body frame.',
-    'rocket_*/wind': 'Acceleration by wind and gusts, m/s², in frame `world`.',
+    'rocket_*/wind': 'Side acceleration and gusts, m/s², in frame `world`; a steady wind acts '
+                     'through the drag.',
     'rocket_*/conditions': 'Values drawn for the episode, by name.',
     'rocket_*/markers': 'Flame, path, wind, label and, in `lunar_lander`, the ground.',
     'robot_description': 'Model of the vehicle as URDF, equal for all rockets.',

@@ -94,7 +94,7 @@ QUANTITIES = (
     Quantity(
         'disturbance', 'm/s^2, side acceleration and gust, world frame', 'disturbance', **_VECTOR,
         curves=Curves(
-            'disturbance', 'Wind and gusts (m/s²)',
+            'disturbance', 'Side acceleration and gusts (m/s²)',
             {'along x': palette.SKY, 'along y': palette.ORANGE}, unusual=True)),
     Quantity(
         'contact_force', 'N, of the ground on the vehicle, world frame, mean over the step',

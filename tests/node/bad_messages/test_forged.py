@@ -155,6 +155,7 @@ def test_calls_in_the_name_of_the_agent_are_refused_and_reported(
     node, executor = make_node('/forger')
     agent, writer = client.connection.agent, list(client.connection._writer)
     calls = {
+        'snapshot': srv.Snapshot.Request(agent=agent, session=client.connection.session, step=1),
         'reset': srv.Reset.Request(agent=agent, writer=writer, seed=2),
         'restore': srv.Restore.Request(agent=agent, writer=writer, state=list(client.snapshot())),
         'release': srv.Release.Request(agent=agent)}

@@ -13,7 +13,6 @@ from typing import TypeAlias
 
 from rclpy.node import Node
 from rclpy.service import Service
-from rocket_msgs import srv
 
 from rocket_sim_node.wire.node.request_sender import RequestSender
 
@@ -52,7 +51,6 @@ class ControlServices:
 
         :param successor: the name to be used instead; empty: this one is not deprecated.
         """
-        sender: RequestSender | None = None
         warned = not successor
 
         def answer(request: Any, response: Any) -> Any:
@@ -62,11 +60,10 @@ class ControlServices:
                 self._node.get_logger().warning(
                     f'service {service.service_name} is deprecated and will be removed in 2.0: '
                     f'call {successor}')
-            return handler(request, response, b'' if sender is None else sender.take())
+            return handler(request, response, sender.take())
 
         service = self._node.create_service(kind, name, answer)
-        if kind is not srv.Snapshot:  # the caller does not matter: no control is given
-            sender = RequestSender(self._node, service, kind, self._own)
+        sender = RequestSender(self._node, service, kind, self._own)
         return service
 
     def names(self, name: str) -> tuple[str, str]:

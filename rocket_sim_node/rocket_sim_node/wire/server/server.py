@@ -132,7 +132,7 @@ class Server:
             (srv.Restore, '~/restore', self._on_restore),
             (srv.Release, '~/release', self._on_release)))
         self._begin_session(world.observe())
-        self._awaited = self._unflown = [*self._services.current, *self._services.deprecated]
+        self._unflown = [*self._services.current, *self._services.deprecated]
         self.idle_stepper = IdleStepper(
             node, world, self._lease, self._peer, self._realtime, self._state, self._advance,
             self._begin_session)
@@ -152,7 +152,11 @@ class Server:
 
     def attend(self, services: list[Any]) -> None:
         """Answer further services at once while no agent flies, not only every 0.05 s."""
-        self._awaited = self._unflown = [*self._unflown, *services]
+        self._unflown += services
+
+    def _awaited(self) -> list[Any]:
+        """Return the services whose requests end a wait: while an agent flies, only its own."""
+        return self._unflown if self._lease.owner == NOBODY else self._services.current
 
     def serve(self, executor: Executor) -> None:
         """Serve until this process is asked to stop.
@@ -162,7 +166,7 @@ class Server:
         wait_set = PollingWaitSet(self._node, executor)
         while not stopping.requested():
             wait_set.wait(
-                [self._actions], _SPIN_PERIOD, services=self._awaited, timers=self._timers)
+                [self._actions], _SPIN_PERIOD, services=self._awaited(), timers=self._timers)
             self._take_action()
         self._state.flush()
 
@@ -299,7 +303,6 @@ class Server:
             response.message = shortened(str(error))
             return self._refuse(name, agent, response)
         self._lease.take(agent)
-        self._awaited = self._services.current
         self._peer.participant = participant_of(
             caller if caller in self._peer.clients(self._services.names(name))
             else bytes(request.writer))
@@ -313,7 +316,10 @@ class Server:
     def _on_snapshot(
         self, request: srv.Snapshot.Request, response: Any, caller: bytes,
     ) -> Any:
-        response.message = self._lease.stranger(request.agent)
+        # A forged call would keep a dead agent's lease alive, and a snapshot changes later steps
+        # of worlds with contact: it clears the solver's memory.
+        response.message = self._lease.stranger(request.agent) or self._impostor(
+            'snapshot', request.agent, caller)
         if response.message:
             response.code = response.BUSY
         elif (request.session, request.step) != (self._session, self._step):
@@ -367,7 +373,6 @@ class Server:
         impostor = self._impostor('release', request.agent, caller)
         if not impostor and self._lease.release(request.agent):
             response.code = response.OK
-            self._awaited = self._unflown
             if self._realtime:
                 self._realtime.begin()
             self._health.clear('the agent has released control')

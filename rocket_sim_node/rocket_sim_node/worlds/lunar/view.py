@@ -42,12 +42,13 @@ def hull_origin(pose: F64) -> tuple[F64, F64]:
     return x + np.sin(angle) * vehicle.BODY_CENTRE, y - np.cos(angle) * vehicle.BODY_CENTRE
 
 
-def hull_velocity(pose: F64, velocity: F64) -> tuple[F64, F64]:
-    """Return velocities of the hulls' own centres of gravity, `(K,)` m/s each.
+def hull_velocity(pose: F64, velocity: F64, point: float) -> tuple[F64, F64]:
+    """Return velocities of a point of the hulls, `(K,)` m/s each.
 
     :param pose: `(K, 3)` m, m, rad, and `velocity` `(K, 3)` m/s, m/s, rad/s of their bodies.
+    :param point: its height above the hull's origin, m.
     """
-    arm = velocity[:, 2] * (vehicle.HULL_CENTRE - vehicle.BODY_CENTRE)
+    arm = velocity[:, 2] * (point - vehicle.BODY_CENTRE)
     return (
         velocity[:, 0] - arm * np.cos(pose[:, 2]), velocity[:, 1] - arm * np.sin(pose[:, 2]))
 
@@ -67,7 +68,8 @@ def observe(pose: F64, velocity: F64, touching: Bools) -> tuple[F32, F64]:
     """
     state = np.empty((8, len(pose)))
     x, y = hull_origin(pose)
-    speed_x, speed_y = hull_velocity(pose, velocity)
+    # As in Gymnasium: the position of the hull's origin, the velocity of its centre of gravity.
+    speed_x, speed_y = hull_velocity(pose, velocity, vehicle.HULL_CENTRE)
     state[0] = x / vehicle.HALF_WIDTH
     state[1] = (y - vehicle.PAD_HEIGHT - vehicle.LEG_DOWN) / vehicle.HALF_HEIGHT
     state[2] = speed_x * (vehicle.HALF_WIDTH / _FRAMES)
@@ -98,7 +100,7 @@ def telemetry(known: Mapping[str, F64], engines: Engines) -> dict[str, NDArray[A
     return {
         'position': np.stack((x, y - vehicle.PAD_GROUND, flat)),
         'orientation': np.stack((flat, flat, np.sin(half), np.cos(half))),
-        'linear_velocity': np.stack((*hull_velocity(hull, velocity.T), flat)),
+        'linear_velocity': np.stack((*hull_velocity(hull, velocity.T, 0.0), flat)),
         'angular_velocity': np.stack((flat, flat, velocity[2])),
         'mass': np.full_like(flat, vehicle.TOTAL_MASS),
         'throttle': main, 'commanded_throttle': main, 'thrust': main * engines.max_thrust,

@@ -236,7 +236,7 @@ class LunarLanderWorld(StateCapture):
         self._capture_ends(done, outcome)
         x, _ = view.hull_origin(self._lanes.pose[done, 0])
         speed_x, speed_y = view.hull_velocity(
-            self._lanes.pose[done, 0], self._lanes.velocity[done, 0])
+            self._lanes.pose[done, 0], self._lanes.velocity[done, 0], vehicle.HULL_CENTRE)
         info = {
             'final_rows': done, 'final_observation': observation[done],
             'episodes': Episodes(

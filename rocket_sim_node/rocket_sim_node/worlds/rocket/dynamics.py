@@ -139,7 +139,8 @@ class RocketDynamics(StateCapture):
             self.spin += spin_gain
             self.spin[1] *= yaw_kept
             self.attitude = rotation.integrate(self.attitude, self.spin, dt)
-        self.log.note_flight(speed, self.position[1], throttle, s.touchdown_height)
+        self.log.note_flight(
+            speed, self.position[1], throttle, self.engines.lit, s.touchdown_height)
 
     def observe(self) -> F32:
         """Return the observation `(N, D)` of the current state."""

@@ -39,12 +39,19 @@ class EpisodeCounters:
         self.effort += change
         self.commanded[:] = command[:, 0]
 
-    def note_flight(self, speed: F64, height: F64, throttle: F64, ground: float) -> None:
-        """Count hovering rockets: m/s, m, and 0 to 1, `(N,)` each; touchdown is at `ground` m."""
+    def note_flight(
+        self, speed: F64, height: F64, throttle: F64, lit: NDArray[np.bool_], ground: float,
+    ) -> None:
+        """Count hovering rockets: m/s, m, 0 to 1 and whether the engine is on, `(N,)` each.
+
+        :param lit: after a cut-off, the throttle of an engine with a lag fades, but is never 0.
+        :param ground: height of touchdown, m.
+        """
         slow = speed < HOVER_SPEED
         if slow.any():
             slow &= height > ground
             slow &= throttle > 0.0
+            slow &= lit
             self.hover += slow
 
     def hover_time(self, rows: NDArray[np.integer], dt: float) -> F64:

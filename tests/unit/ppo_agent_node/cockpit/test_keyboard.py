@@ -21,6 +21,7 @@ from ppo_agent_node.pilots.keys import KeyEvent
 from ppo_agent_node.pilots.keys import Motion
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import SimulatedWorld
+from rocket_sim_node.worlds.lunar import vehicle
 
 
 def press(pilot: KeyboardPilot, keys: str, now: float = 0.0) -> None:
@@ -178,8 +179,12 @@ def test_readings_are_the_state(rocket: SimulatedWorld) -> None:
     for _ in range(40):
         observation = lander.step(np.array([1]))[0]
     state, readings = lander.telemetry(np.array([0])), read(lander.spec, observation[0])
-    assert readings.climb == pytest.approx(state.linear_velocity[0, 1], abs=1e-4)
-    assert readings.drift[0] == pytest.approx(state.linear_velocity[0, 0], abs=1e-4)
+    # The state has the velocity of the hull's origin, observations that of its centre of gravity.
+    arm = vehicle.HULL_CENTRE * state.angular_velocity[0, 2]
+    lean = 2 * np.arctan2(*state.orientation[0, 2:])
+    climb, drift = state.linear_velocity[0, 1::-1] - arm * np.array((np.sin(lean), np.cos(lean)))
+    assert readings.climb == pytest.approx(climb, abs=1e-4)
+    assert readings.drift[0] == pytest.approx(drift, abs=1e-4)
     assert readings.offset[0] == pytest.approx(state.position[0, 0], abs=1e-4)
     assert readings.lean[0] < 0
 

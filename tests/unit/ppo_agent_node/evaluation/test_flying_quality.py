@@ -144,7 +144,7 @@ def test_hovering_is_slow_powered_flight_above_touchdown_height() -> None:
     log = EpisodeCounters(5)
     speed, height = np.array((1.9, 2.1, 0.1, 0.1, 0.1)), np.array((50.0, 50.0, 5.01, 5.0, 50.0))
     for _ in range(3):
-        log.note_flight(speed, height, np.array((1.0, 1.0, 0.1, 1.0, 0.0)), 5.0)
+        log.note_flight(speed, height, np.array((1.0, 1.0, 0.1, 1.0, 0.0)), np.ones(5, bool), 5.0)
     assert log.hover_time(np.arange(5), 0.02) == pytest.approx([0.06, 0.0, 0.06, 0.0, 0.0])
     log.begin(np.array([0]))
     assert log.hover_time(np.array([0, 2]), 0.02) == pytest.approx([0.0, 0.06])

@@ -281,6 +281,23 @@ def test_resting_takes_half_a_second_below_box2ds_limits() -> None:
     assert landed > 10
 
 
+def test_position_and_velocity_of_the_state_are_of_the_same_point() -> None:
+    """As in nav_msgs/Odometry, whose twist is that of the frame that its pose names."""
+    world = worlds.make('lunar_lander', 4, 3)
+    rows = np.arange(4)
+    turning = np.full(4, LEFT)
+    for _ in range(60):
+        world.step(turning)
+    before = world.telemetry(rows)
+    world.step(turning)
+    after = world.telemetry(rows)
+    assert (np.abs(after.angular_velocity[:, 2]) > 1.0).all()
+    # Along x, where gravity does not change the velocity within the step.
+    moved = (after.position - before.position)[:, 0] / world.spec.dt
+    mean = (before.linear_velocity + after.linear_velocity)[:, 0] / 2
+    assert moved == pytest.approx(mean, abs=0.03)
+
+
 def test_legs_bear_the_lander_at_their_inner_stop() -> None:
     """At rest on the pad it stands on both legs, upright; feet on the ground within 1 cm."""
     world = make(20, continuous=True)

@@ -53,6 +53,19 @@ def test_a_restored_world_continues_bit_for_bit(steps: int) -> None:
     assert np.array_equal(world.reset(), other.reset())
 
 
+@pytest.mark.parametrize('drawn', [
+    {'fuel_factor_low': 0.5, 'fuel_factor_high': 0.9},
+    {'dry_mass_factor_low': 1.1, 'dry_mass_factor_high': 1.2},
+    {'dry_mass_factor_low': 0.8, 'dry_mass_factor_high': 0.9}])
+def test_vehicles_outside_a_range_because_they_are_nominal_are_restored(
+        drawn: dict[str, float]) -> None:
+    world = worlds.make(
+        'rocket_planar', N, seed=9, spawn_height=9.0, nominal_share=0.5, **drawn)
+    for action in actions(90, 1):
+        world.step(action)
+        world.restore(world.snapshot())
+
+
 def test_restoring_twice_is_the_same() -> None:
     world = flown()
     state = world.snapshot()

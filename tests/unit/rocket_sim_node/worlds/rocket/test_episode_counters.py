@@ -34,6 +34,10 @@ def test_the_time_of_hovering_is_counted() -> None:
     # A hand's breadth above touchdown counts as well.
     assert flown([[0, 0, 0]] * 60, spawn_height=5.3).hover_time.tolist() == pytest.approx([1.2])
     assert flown([[-1, 0, 0]] * 9).hover_time.tolist() == [0.0]  # slow, but not by its engine
+    # After a cut-off, the thrust of an engine with a lag fades, but its engine is off.
+    fading = flown(
+        [[1, 0, 0]] * 5 + [[-1, 0, 0]] * 9, engine_lag_low=0.2, engine_lag_high=0.2)
+    assert fading.hover_time.tolist() == pytest.approx([5 * 0.02])
 
 
 def test_ignitions_are_counted() -> None:
