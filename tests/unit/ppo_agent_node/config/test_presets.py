@@ -78,9 +78,8 @@ def test_presets_of_a_world_can_extend_those_of_another(
         tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     planar = {
         'actor_learning_rate', 'clip_range', 'curriculum_heading', 'dagger_rounds',
-        'demonstration_spawn_heading', 'desired_kl', 'exploration', 'gamma', 'iterations',
-        'log_std_final', 'n_epochs', 'target_kl', 'teacher_flare_rate', 'teacher_flare_speed',
-        'teacher_least_settling'}
+        'demonstration_spawn_heading', 'desired_kl', 'iterations', 'n_epochs', 'target_kl',
+        'teacher_flare_rate', 'teacher_flare_speed', 'teacher_least_settling'}
     for name, own in (('default', planar), ('original', set())):
         values, taken = preset_values(name, 'rocket_planar'), preset_values(name, 'rocket')
         assert {name for name in values if values[name] != taken.get(name)} == own
