@@ -18,7 +18,7 @@ setup(
         ('share/' + package_name + '/launch/parameters', ['launch/parameters/simulator.yaml']),
         ('share/' + package_name + '/views', ['views/hoverslam.rviz', 'views/foxglove.json']),
     ],
-    install_requires=['setuptools', 'gymnasium>=1.1', 'numpy', 'pillow', 'pymunk'],
+    install_requires=['setuptools', 'gymnasium>=1.4', 'numpy', 'pillow', 'pymunk'],
     extras_require={
         'bags': ['mcap', 'pyyaml'],
         'foxglove': ['foxglove-sdk'],

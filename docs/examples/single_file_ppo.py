@@ -142,7 +142,7 @@ def update(agent: Agent, optimiser: torch.optim.Optimizer, batch: dict[str, Tens
            o: Options) -> None:
     """Improve the agent with the clipped objective (equation 9 of the paper)."""
     for _ in range(o.epochs):
-        for rows in torch.randperm(len(batch['action'])).chunk(o.minibatches):
+        for rows in torch.randperm(len(batch['action'])).tensor_split(o.minibatches):
             part = {name: values[rows] for name, values in batch.items()}
             policy = agent.distribution(part['observation'])
             ratio = (agent.log_prob(policy, part['action']) - part['log_prob']).exp()

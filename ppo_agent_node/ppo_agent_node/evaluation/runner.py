@@ -142,7 +142,8 @@ def quotas(episodes: int, num_envs: int) -> NDArray[np.int64]:
     :raises ValueError: for less than one episode or environment.
     """
     if episodes < 1 or num_envs < 1:
-        raise ValueError(f'got {episodes} episodes on {num_envs} rockets, expected 1 or more')
+        raise ValueError(
+            f'episodes, num_envs: got {episodes} and {num_envs}, expected 1 or more of each')
     share, more = divmod(episodes, num_envs)
     return share + (np.arange(num_envs) < more).astype(np.int64)
 
@@ -184,6 +185,7 @@ def evaluation_flight(
     if is_rocket:
         reset_settings = conditions.flatten(reset_settings)
     left = quotas(episodes, spec.num_envs)
+    name = pilot.name  # first: a function without a name would fail after all flights
     observation = yield Reset(seed, reset_settings)
     start = observation.copy()
     counted: list[Episodes] = []
@@ -218,6 +220,6 @@ def evaluation_flight(
         position[:, 0] = last[:, 0].astype(np.float64) * vehicle.HALF_WIDTH
         position[:, 1] = 0.0
     return EvaluationResult(
-        spec=spec, pilot=pilot.name, seed=seed, reset_settings=dict(reset_settings),
+        spec=spec, pilot=name, seed=seed, reset_settings=dict(reset_settings),
         episodes=flown.take(order), end_position=position, first_observation=first,
         final_observation=last)

@@ -63,13 +63,14 @@ class DeterministicPolicy(nn.Module):
     def forward(self, observation: Tensor) -> Tensor:
         """Return actions `(N, A)` float32, or `(N,)` int64, of observations `(N, D)`.
 
-        Logits that are not finite give action -1.
+        Observations or logits that are not finite give action -1.
         """
         output = self.output(observation)
         if self.continuous:
             return output
         # The largest of numbers that are not finite is none; worlds and our pilot refuse -1.
-        return torch.where((output - output == 0).all(-1), output.argmax(-1), -1)
+        finite = (observation - observation == 0).all(-1) & (output - output == 0).all(-1)
+        return torch.where(finite, output.argmax(-1), -1)
 
 
 def to_onnx(policy: Policy, spec: WorldSpec) -> Any:

@@ -153,12 +153,9 @@ class RunFolder:
 
         :raises OSError: naming the path.
         """
-        plain = {
-            name: None if isinstance(value, float) and not math.isfinite(value) else value
-            for name, value in line.items()
-        }
+        plain: dict[str, Any] = _without_non_finite(line)
         with self._writing_log(os.O_WRONLY | os.O_APPEND | os.O_CREAT) as file:
-            file.write((json.dumps(plain) + '\n').encode())
+            file.write((json.dumps(plain, allow_nan=False) + '\n').encode())
         return plain
 
     @contextmanager
@@ -238,3 +235,12 @@ class RunFolder:
         """Return the checkpoints of iterations, newest first."""
         found = [p for p in self.checkpoints.iterdir() if _NAME.fullmatch(p.name)]
         return sorted(found, key=lambda p: int(p.stem.removeprefix('iteration_')), reverse=True)
+
+
+def _without_non_finite(value: Any) -> Any:
+    """Return a JSON value in which non-finite numbers are None, at any depth."""
+    if isinstance(value, dict):
+        return {name: _without_non_finite(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_non_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

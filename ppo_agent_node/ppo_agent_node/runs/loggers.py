@@ -64,7 +64,7 @@ def _find(name: str) -> MakeLogger:
             f'loggers: got {name!r}, expected {TENSORBOARD}, package.module:Class or file.py:Class')
     try:
         found = getattr(_module(module), attribute)
-    except Exception as error:  # noqa: BLE001  (a module of the user's may raise anything)
+    except (Exception, SystemExit) as error:  # noqa: BLE001  (a user's module may raise anything)
         raise ValueError(f'loggers: {name!r} cannot be imported: {error!r:.200}') from error
     missing = [method for method in ('begin', 'entry', 'close') if not hasattr(found, method)]
     if missing:

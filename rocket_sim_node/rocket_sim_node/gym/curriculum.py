@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 from rocket_sim_node import worlds
 from rocket_sim_node.gym.vector_env import HoverslamVectorEnv
 from rocket_sim_node.gym.vector_env import Step
+from rocket_sim_node.settings import whole_number
 from rocket_sim_node.worlds.base import F32
+
+_LARGEST_WINDOW = 10**9
 
 
 class ReverseCurriculum(VectorWrapper):
@@ -43,7 +46,9 @@ class ReverseCurriculum(VectorWrapper):
         :param growth: factor by which the reach grows.
         :param landing_rate: fraction of the window's episodes that must land.
         :param window: number of episodes.
-        :raises ValueError: for another environment, or a value out of range.
+        :raises TypeError: for a value of a wrong type.
+        :raises ValueError: for another environment, for one with a `spawn_reach` of its own, or
+            for a value out of range.
         """
         unwrapped = getattr(env, 'unwrapped', None)
         if not isinstance(unwrapped, HoverslamVectorEnv) or (
@@ -53,6 +58,10 @@ class ReverseCurriculum(VectorWrapper):
         spec = unwrapped.world_spec
         if 'spawn_reach' not in worlds.reset_settings(spec.name):
             raise ValueError(f'env: got world {spec.name}, expected one with setting spawn_reach')
+        _refuse_reach({**spec.settings, **unwrapped.reset_settings})
+        for name, value in (('reach', reach), ('growth', growth), ('landing_rate', landing_rate)):
+            if isinstance(value, bool) or not isinstance(value, Real):
+                raise TypeError(f'{name}: got {value!r:.80}, expected a number')
         self._hoverslam = unwrapped
         full = self._full_reach({})
         if not 0 < reach <= full:
@@ -61,8 +70,7 @@ class ReverseCurriculum(VectorWrapper):
             raise ValueError(f'growth: got {growth}, expected more than 1')
         if not 0 <= landing_rate <= 1:
             raise ValueError(f'landing_rate: got {landing_rate}, expected 0 to 1')
-        if window < 1:
-            raise ValueError(f'window: got {window}, expected 1 or more')
+        window = whole_number('window', window, 1, _LARGEST_WINDOW)
         super().__init__(env)
         self.autoreset_mode = unwrapped.autoreset_mode
         self.reach = reach
@@ -79,8 +87,11 @@ class ReverseCurriculum(VectorWrapper):
         """Start new episodes below the current reach; see `HoverslamVectorEnv.reset`.
 
         A reach beyond the full drop that the options give becomes that drop.
+
+        :raises ValueError: for an option `spawn_reach`, which the curriculum sets.
         """
         options = dict(options or {})
+        _refuse_reach(options)
         full = self._full_reach(options)
         reach = min(self.reach, full) if full > 0 else self.reach  # else the reset is refused
         found = self._begin(seed, reach, options)
@@ -119,3 +130,14 @@ class ReverseCurriculum(VectorWrapper):
         # The world refuses what is no number.
         numbers = {name: float(value) for name, value in given.items() if isinstance(value, Real)}
         return worlds.full_reach(self._hoverslam.world_spec.after_reset(numbers))
+
+
+def _refuse_reach(settings: Mapping[str, Any]) -> None:
+    """Check that nobody else sets the reach.
+
+    :raises ValueError: for a `spawn_reach` that is not 0.
+    """
+    given = settings.get('spawn_reach', 0)
+    if given != 0:
+        raise ValueError(
+            f'spawn_reach: got {given!r:.80}, expected none: the curriculum sets it (reach)')

@@ -118,6 +118,19 @@ def check_render_mode(value: str | None, simulators: str) -> None:
             'states: watch them with the node rerun_recorder')
 
 
+def check_values(world: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings, with conditions as numbers, after checking the values of known ones.
+
+    :raises TypeError: for a value of a wrong type.
+    :raises ValueError: for a value that is out of range.
+    """
+    flat = conditions.flatten(given) if has_conditions(world) else dict(given)
+    for info in worlds.settings(world):
+        if info.name in flat:
+            check(info, flat[info.name])
+    return flat
+
+
 def split_settings(
     spec: WorldSpec, given: Mapping[str, Any], where: str,
 ) -> dict[str, Any]:
@@ -127,10 +140,11 @@ def split_settings(
 
     :param given: settings by name.
     :param where: the simulators, for messages.
-    :raises ValueError: for a setting that no reset can change, and that the simulators have at
-        another value.
+    :raises TypeError: for a value of a wrong type.
+    :raises ValueError: for a value that is out of range, or a setting that no reset can change,
+        and that the simulators have at another value.
     """
-    flat = conditions.flatten(given) if has_conditions(spec.name) else dict(given)
+    flat = check_values(spec.name, given)
     changeable = worlds.reset_settings(spec.name)
     infos = {info.name: info for info in worlds.settings(spec.name)}
     for name, value in flat.items():

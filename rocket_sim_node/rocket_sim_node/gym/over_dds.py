@@ -15,6 +15,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from rocket_sim_node.gym import keywords
 from rocket_sim_node.settings import whole_number
 from rocket_sim_node.wire.client.client import RELEASE_TIMEOUT
 from rocket_sim_node.wire.client.client import ask_all
@@ -58,6 +59,8 @@ class Simulators:
         """
         self._connections: list[Connection] = []
         self._closing = ExitStack()
+        self._sent: NDArray[Any] | None = None
+        """Action of a step that was sent, and of which not all answers have been returned."""
         try:
             self._connect(world, num_envs, pattern, patience)
         except BaseException:
@@ -118,6 +121,8 @@ class Simulators:
             # Checked here, before the first simulator begins.
             most = 2**63 - len(self._connections)
             seed = whole_number('seed', seed, 0, most, f'2**63 - {len(self._connections)}')
+        keywords.check_values(self._spec.name, settings)
+        self._sent = None
         observations: list[F32] = self._ask([
             Reset(None if seed is None else seed + number, settings)
             for number in range(len(self._connections))])
@@ -129,12 +134,20 @@ class Simulators:
         """Advance all rockets by one step; see `worlds.VectorEnv`.
 
         :raises EnvironmentRestarted: when a simulator is in another session.
-        :raises WireTimeout: when there is no answer.
+        :raises WireTimeout: when there is no answer. The same action may be sent again.
+        :raises ValueError: for another action after a step that failed or was interrupted: some
+            of the simulators may have taken that step.
         """
         # Although each connection does so, too: an invalid row must stop the actions of all
         # simulators, and the error names the row of the whole batch.
         action = commanded(self._spec, action)
+        if self._sent is not None and not np.array_equal(action, self._sent):
+            raise ValueError(
+                'action: got another one than that of the last step, which was sent but not '
+                'answered, expected the same one, or a reset')
+        self._sent = action.copy()
         answers = self._ask(np.split(action, len(self._connections)))
+        self._sent = None
         observation, reward, terminated, truncated = (
             np.concatenate(parts) for parts in list(zip(*answers, strict=True))[:4])
         infos = [answer[4] for answer in answers]
@@ -166,6 +179,7 @@ class Simulators:
                     for number in range(len(self._connections))}
             arrays = snapshots.unpack(self._spec, state, like, tuple(like))
             states = [arrays[name].tobytes() for name in like]
+        self._sent = None
         observations: list[F32] = self._ask([Restore(each) for each in states])
         return np.concatenate(observations)
 

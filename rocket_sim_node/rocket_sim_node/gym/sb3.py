@@ -49,16 +49,19 @@ class HoverslamVecEnv(VecEnv):
     def reset(self) -> F32:
         """Start new episodes, with the seed of `seed` and the options of `set_options`, once.
 
+        They are used up even if they are refused.
+
         :raises ValueError: when the options are not the same for all environments.
         """
-        if any(options != self._options[0] for options in self._options):
-            raise ValueError(
-                f'set_options: got {self._options}, expected the same for all environments')
-        observation: F32
-        observation, _ = self.env.reset(seed=self._seeds[0], options=self._options[0])
-        self.reset_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        seed, options = self._seeds[0], self._options
         self._reset_seeds()
         self._reset_options()
+        if any(each != options[0] for each in options):
+            raise ValueError(
+                f'set_options: got {options}, expected the same for all environments')
+        observation: F32
+        observation, _ = self.env.reset(seed=seed, options=options[0])
+        self.reset_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         return observation
 
     def step_async(self, actions: NDArray[Any]) -> None:

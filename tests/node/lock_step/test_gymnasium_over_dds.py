@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import signal
 from contextlib import nullcontext
 from typing import Any
 
@@ -27,16 +28,17 @@ def over_dds(processes: Processes, monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     # Fast DDS reads its profile once per process, and nodes of other tests came first.
     monkeypatch.setattr(over_dds_module, 'prepared', nullcontext)
-    for number in range(2):
-        processes.fork_node(
-            'rocket_sim_node', 'simulator', remap=(f'__ns:=/sim_{number}',), num_envs=N)
+    nodes = [processes.fork_node(
+        'rocket_sim_node', 'simulator', remap=(f'__ns:=/sim_{number}',), num_envs=N)
+        for number in range(2)]
     made = []
 
     def make(num_envs: int = N, simulators: str = '/sim_0', **keywords: Any) -> Any:
         made.append(gymnasium.make_vec(
-            NAME, num_envs=num_envs, simulators=simulators, patience=20.0, **keywords))
+            NAME, num_envs=num_envs, simulators=simulators, **{'patience': 20.0, **keywords}))
         return made[-1]
 
+    make.nodes = nodes
     yield make
     for envs in made:
         envs.close()
@@ -91,6 +93,37 @@ def test_flights_over_dds_are_those_in_process(over_dds: Any) -> None:
         over_dds(simulators='/sim_0', max_thrust=5.0)
     with pytest.raises(ValueError, match='num_envs: got 3, expected a multiple of 4'):
         over_dds(3)
+
+
+def test_a_step_without_an_answer_can_only_be_repeated(over_dds: Any) -> None:
+    """One simulator may have taken it, and would answer another action with its result."""
+    ours = over_dds(2 * N, '/sim_*', patience=2.0)
+    first, _ = ours.reset(seed=1)
+    action, other = np.zeros((2 * N, 3), np.float32), np.ones((2 * N, 3), np.float32)
+    over_dds.nodes[1].signal(signal.SIGSTOP)
+    try:
+        with pytest.raises(TimeoutError):
+            ours.step(action)
+    finally:
+        over_dds.nodes[1].signal(signal.SIGCONT)
+    with pytest.raises(ValueError, match='action: got another one than that of the last step'):
+        ours.step(other)
+    assert not np.array_equal(ours.step(action)[0], first)
+    ours.step(other)
+    ours.reset(seed=1)
+    ours.step(other)
+
+
+def test_bad_options_over_dds_name_the_field(over_dds: Any) -> None:
+    with pytest.raises(TypeError, match="level: got 'a', expected a number"):
+        over_dds(level='a')
+    envs = over_dds()
+    for value, message in (
+            ('a', "got 'a', expected a number"), (None, 'got None, expected a number'),
+            (True, 'got True, expected a number'), (99, 'got 99, expected')):
+        with pytest.raises((TypeError, ValueError), match=f'level: {message}'):
+            envs.reset(options={'level': value})
+    envs.reset(seed=3)
 
 
 def test_the_reverse_curriculum_over_dds_is_that_in_process(over_dds: Any) -> None:

@@ -111,7 +111,7 @@ def test_each_row_flies_its_quota(episodes: int, num_envs: int, share: list[int]
 
 def test_less_than_one_episode_is_refused() -> None:
     env = CoinWorld(2)
-    with pytest.raises(ValueError, match='0 episodes'):
+    with pytest.raises(ValueError, match='episodes, num_envs: got 0 and 2'):
         evaluate(env, RandomPilot(env.spec), 0)
 
 

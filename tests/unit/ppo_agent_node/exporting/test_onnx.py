@@ -115,12 +115,13 @@ def test_an_exported_policy_lands_as_the_original_does(files: dict[str, Path], n
     assert mean[0] == pytest.approx(mean[1], abs=0.01 if name == 'rocket' else 5.0)
 
 
-def test_a_discrete_policy_does_not_fly_on_nan(files: dict[str, Path]) -> None:
+@pytest.mark.parametrize('bad', [np.nan, np.inf, -np.inf])
+def test_a_discrete_policy_does_not_fly_on_nan(files: dict[str, Path], bad: float) -> None:
     spec = worlds.make('lunar_lander', 2).spec
     pilot = PolicyPilot(files['lunar_lander'], spec)
     observation = np.zeros((2, spec.observation_size), np.float32)
     assert pilot(observation).shape == (2,)
-    observation[1, 0] = np.nan
+    observation[1, 0] = bad
     with pytest.raises(ValueError, match='the probabilities of row 1 are not finite'):
         pilot(observation)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 from pathlib import Path
 
@@ -75,6 +76,9 @@ def test_log(folder: RunFolder) -> None:
     for iteration in range(4):
         folder.append({'iteration': iteration, 'value': 0.1 + iteration, 'none': float('nan')})
     assert folder.lines()[3] == {'iteration': 3, 'value': 3.1, 'none': None}
+    assert folder.append({'list': [1.0, math.inf], 'by name': {'a': math.nan}}) == {
+        'list': [1.0, None], 'by name': {'a': None}}
+    folder.cut_log(4)
     with folder.log.open('a') as file:
         file.write('{"iteration": 4, "val')  # the power went
     assert len(folder.lines()) == 4

@@ -145,11 +145,24 @@ def test_stable_baselines3_gets_the_truncated_episodes() -> None:
     ('Rocket', {'reach': 300.0}, 'reach: got 300.0'),
     ('Rocket', {'growth': 1.0}, 'growth: got 1.0, expected more than 1'),
     ('Rocket', {'landing_rate': 1.5}, 'landing_rate: got 1.5, expected 0 to 1'),
-    ('Rocket', {'window': 0}, 'window: got 0, expected 1 or more'),
+    ('Rocket', {'window': 0}, 'window: got 0, expected a whole number from 1'),
+    ('Rocket', {'window': 1.5}, 'window: got 1.5, expected a whole number'),
+    ('Rocket', {'window': True}, 'window: got True, expected a whole number'),
+    ('Rocket', {'reach': 'a'}, "reach: got 'a', expected a number"),
+    ('Rocket', {'growth': None}, 'growth: got None, expected a number'),
 ])
 def test_bad_arguments_are_named(name: str, keywords: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=re.escape(message)):
+    with pytest.raises((ValueError, TypeError), match=re.escape(message)):
         ReverseCurriculum(gymnasium.make_vec(f'hoverslam/{name}-v1', num_envs=2), **keywords)
+
+
+def test_a_reach_beside_that_of_the_curriculum_is_refused() -> None:
+    message = 'spawn_reach: got 5.0, expected none: the curriculum sets it'
+    with pytest.raises(ValueError, match=message):
+        ReverseCurriculum(gymnasium.make_vec('hoverslam/Rocket-v1', num_envs=2, spawn_reach=5.0))
+    envs = make()
+    with pytest.raises(ValueError, match=message):
+        envs.reset(options={'spawn_reach': 5.0})
 
 
 def test_a_world_without_start_heights_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

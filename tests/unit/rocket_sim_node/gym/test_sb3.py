@@ -85,8 +85,16 @@ def test_seed_and_options_reach_the_next_reset() -> None:
     assert (env.reset() != first).any()
 
 
+def test_refused_options_are_used_up() -> None:
+    env = make()
+    env.set_options({'none': 3})
+    with pytest.raises(ValueError, match="unknown setting 'none'"):
+        env.reset()
+    env.reset()
+
+
 def test_what_environments_share_cannot_be_set_for_some_of_them() -> None:
-    env = make(num_envs=4)
+    env = make(num_envs=4, spawn_reach=0.0)
     env.env = ReverseCurriculum(env.env)
     assert {spec.name for spec in env.get_attr('world_spec')} == {'rocket'}
     for misuse in (lambda: env.env_method('close', indices=[1]),
