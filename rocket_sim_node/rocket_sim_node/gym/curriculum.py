@@ -13,6 +13,7 @@ from gymnasium.vector import VectorWrapper
 from numpy.typing import NDArray
 
 from rocket_sim_node import worlds
+from rocket_sim_node.gym import keywords
 from rocket_sim_node.gym.vector_env import HoverslamVectorEnv
 from rocket_sim_node.gym.vector_env import Step
 from rocket_sim_node.settings import whole_number
@@ -60,8 +61,7 @@ class ReverseCurriculum(VectorWrapper):
             raise ValueError(f'env: got world {spec.name}, expected one with setting spawn_reach')
         _refuse_reach({**spec.settings, **unwrapped.reset_settings})
         for name, value in (('reach', reach), ('growth', growth), ('landing_rate', landing_rate)):
-            if isinstance(value, bool) or not isinstance(value, Real):
-                raise TypeError(f'{name}: got {value!r:.80}, expected a number')
+            keywords.check_number(name, value)
         self._hoverslam = unwrapped
         full = self._full_reach({})
         if not 0 < reach <= full:

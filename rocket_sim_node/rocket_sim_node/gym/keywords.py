@@ -64,7 +64,16 @@ def autoreset_mode(value: object) -> AutoresetMode:
     raise ValueError(f'autoreset_mode: got {value!r}, expected SAME_STEP or NEXT_STEP')
 
 
-def check_connection(simulators: object, patience: object, step_threads: object) -> None:
+def check_number(name: str, value: object, expected: str = 'a number') -> None:
+    """Check that an argument is a number.
+
+    :raises TypeError: when it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f'{name}: got {value!r:.80}, expected {expected}')
+
+
+def check_connection(simulators: object, patience: Any, step_threads: object) -> None:
     """Check the keywords that concern simulators over DDS.
 
     :raises TypeError: for a wrong type.
@@ -73,9 +82,8 @@ def check_connection(simulators: object, patience: object, step_threads: object)
     if not isinstance(simulators, str):
         raise TypeError(
             f"simulators: got {simulators!r:.80}, expected a string, such as '/sim_*'")
-    if isinstance(patience, bool) or not isinstance(patience, Real):
-        raise TypeError(f'patience: got {patience!r:.80}, expected a number of seconds')
-    if not 0 < float(patience) < math.inf:
+    check_number('patience', patience, 'a number of seconds')
+    if not 0 < patience < math.inf:
         raise ValueError(f'patience: got {patience!r}, expected a finite number above 0, s')
     if simulators and step_threads != 1:
         raise ValueError(
@@ -148,14 +156,13 @@ def split_settings(
     changeable = worlds.reset_settings(spec.name)
     infos = {info.name: info for info in worlds.settings(spec.name)}
     for name, value in flat.items():
-        if name not in changeable and _number(infos[name], value) != spec.settings[name]:
+        if name not in changeable and _described(infos[name], value) != spec.settings[name]:
             raise ValueError(
                 f'{name}: got {value!r}, expected {spec.settings[name]:g}, the value of the '
                 f'simulators {where}, or no argument')
     return {name: value for name, value in flat.items() if name in changeable}
 
 
-def _number(info: SettingInfo, value: object) -> float:
-    """Return a setting's value as descriptions of worlds have it: a choice is its index."""
-    checked = check(info, value)
-    return float(info.choices.index(str(checked)) if info.choices else checked)  # type: ignore[arg-type]
+def _described(info: SettingInfo, value: Any) -> float:
+    """Return a checked value as descriptions of worlds have it: a choice is its index."""
+    return float(info.choices.index(value) if info.choices else value)

@@ -256,11 +256,7 @@ class RocketPlanarWorld(RocketWorld):
         """Check for values of a snapshot that no world with these settings can have."""
         super()._check_state(arrays, settings)
         s = settings
-        # With `nominal_share`, a value may be nominal even if its range is not around 1.
-        def widest(low: float, high: float) -> tuple[float, float]:
-            return (min(low, 1.0), max(high, 1.0)) if s.nominal_share else (low, high)
-
-        fuel = s.fuel * widest(s.fuel_factor_low, s.fuel_factor_high)[1]
+        fuel = s.fuel * s.drawn_range('fuel_factor')[1]
         steps_down = arrays['steps_down']
         if (steps_down < _IN_FLIGHT).any():
             raise ValueError(f'snapshot: steps_down has a value below {_IN_FLIGHT}')
@@ -282,7 +278,7 @@ class RocketPlanarWorld(RocketWorld):
             raise ValueError(f'snapshot: fuel has a value above {fuel:g} kg')
         # In flight, the value is that of an earlier touchdown, perhaps under other conditions.
         mass, present = arrays['contact_mass'], arrays['contact_present']
-        least, most = widest(s.dry_mass_factor_low, s.dry_mass_factor_high)
+        least, most = s.drawn_range('dry_mass_factor')
         lightest, heaviest = s.dry_mass * least, s.dry_mass * most + fuel
         if ((mass <= 0) | (present & ((mass < lightest) | (mass > heaviest)))).any():
             raise ValueError(

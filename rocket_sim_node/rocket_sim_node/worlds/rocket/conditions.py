@@ -98,6 +98,14 @@ class ConditionSettings:
                     f"setting '{name}{LOW}': got {low:g}, "
                     f"expected at most '{name}{HIGH}', {high:g}")
 
+    def drawn_range(self, name: str) -> tuple[float, float]:
+        """Return the least and the largest value of a condition that an episode may have."""
+        low, high = getattr(self, name + LOW), getattr(self, name + HIGH)
+        if not self.nominal_share:
+            return low, high
+        nominal = _NOMINAL[name + LOW]
+        return min(low, nominal), max(high, nominal)
+
 
 _NOMINAL = {field.name: float(cast(float, field.default)) for field in fields(ConditionSettings)}
 NOMINAL = np.array([
