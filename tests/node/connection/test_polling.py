@@ -10,10 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rclpy.executors import SingleThreadedExecutor
 from rocket_msgs import msg
+from std_msgs.msg import Empty
 from support.processes import wait_until
 
 from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.node import polling
 from rocket_sim_node.wire.node.polling import ArraySubscription
 from rocket_sim_node.wire.node.polling import Polling
 from rocket_sim_node.wire.node.polling import PollingWaitSet
@@ -145,3 +148,40 @@ def test_a_message_not_yet_taken_ends_the_wait_at_once(line: Line) -> None:
     assert line.wait_set.wait([line.observations], PATIENCE) == ([line.observations], False)
     assert np.array_equal(line.observations.take().data, [])
     assert line.observations.take() is None
+
+
+class Spins:
+    """An executor that counts how often it is run."""
+
+    def __init__(self, executor: Any) -> None:
+        self._executor, self.count = executor, 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._executor, name)
+
+    def spin_once(self, timeout_sec: float) -> None:
+        """Serve one callback."""
+        self.count += 1
+        self._executor.spin_once(timeout_sec=timeout_sec)
+
+
+def test_serving_runs_what_is_due_and_then_ends(make_node: Callable[..., Any]) -> None:
+    node, executor = make_node()
+    if isinstance(executor, SingleThreadedExecutor):
+        pytest.skip('this rclpy has no EventsExecutor')
+    publisher = node.create_publisher(Empty, 'callbacks', 100)
+    served: list[Any] = []
+    node.create_subscription(Empty, 'callbacks', served.append, 100)
+    while not publisher.get_subscription_count():
+        executor.spin_once(timeout_sec=0.01)
+    for due in (0, 3, 16):
+        served.clear()
+        for _ in range(100):  # events of discovery
+            executor.spin_once(timeout_sec=0.0)
+        for _ in range(due):
+            publisher.publish(Empty())
+        time.sleep(0.2)
+        spins: Any = Spins(executor)
+        polling._serve(spins)
+        assert len(served) == due
+        assert spins.count <= due + 1

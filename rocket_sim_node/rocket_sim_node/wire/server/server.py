@@ -211,13 +211,14 @@ class Server:
         except ValueError as error:
             self._health.refuse('action', str(error))
             return
-        clipped = self._clipped.note(given, action)
         if self._realtime is None:
             self._flown = message
             self._advance(action)
+            # After the answer, as the agent is waiting for it. Only counted: a learning agent
+            # also explores beyond the bounds.
+            self._clipped.note(given, action)
             return
-        if clipped:
-            # Only counted in lock-step: a learning agent also explores beyond the bounds.
+        if self._clipped.note(given, action):
             self._health.warn('clipped actions', f'action: clipped: {self._clipped.last}')
         self._realtime.follow(action, message.step)
 
