@@ -15,13 +15,14 @@ BOOTSTRAPPED = 20_000
 _CHUNK = 2_000_000
 
 
-def wilson(successes: int, trials: int, confidence: float = 0.95) -> Interval:
+def wilson(successes: float, trials: float, confidence: float = 0.95) -> Interval:
     """Return the Wilson score interval of a proportion.
 
     Unlike the normal approximation it stays within 0 and 1 and does not vanish at 0 or all
     successes (Wilson, 'Probable inference, the law of succession, and statistical inference',
     JASA 22, 1927; Brown, Cai and DasGupta, Statistical Science 16, 2001).
 
+    :param trials: may be fractional, as an effective number of dependent trials.
     :raises ValueError: unless 0 <= successes <= trials, 1 <= trials, 0 < confidence < 1.
     """
     if not 0 <= successes <= trials or trials < 1:

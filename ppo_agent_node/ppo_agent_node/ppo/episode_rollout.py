@@ -87,8 +87,11 @@ class EpisodeRollout:
         self._flown: list[list[tuple[Tensor, Tensor, Tensor, Tensor]]] = [[]] * groups
         self._returns = np.zeros((groups, rockets))
         self._last = np.zeros((groups, rockets), np.int64)
-        self.steps = 0
-        """Rocket steps of the last roll-out, of all groups."""
+
+    @property
+    def steps(self) -> int:
+        """Rocket steps of the last roll-out, of all groups, those after an episode included."""
+        return sum(map(len, self._flown)) * self._returns.shape[1]
 
     @torch.no_grad()
     def flight(
@@ -147,7 +150,6 @@ class EpisodeRollout:
                 parts.append((*sample, advantage[rows + first] * weight, weight))
             first += self._returns.shape[1]
         *columns, weights = map(torch.cat, zip(*parts, strict=True))
-        self.steps = len(weights)
         kept = weights >= _LEAST_WEIGHT
         if not kept.all():
             columns = [column[kept] for column in columns]

@@ -57,12 +57,18 @@ def landed(episodes: Episodes, outcomes: tuple[str, ...]) -> list[bool]:
     return [bool(one) for one in episodes.outcome == outcomes.index('landed')]
 
 
-def figures(episodes: Episodes, outcomes: tuple[str, ...]) -> dict[str, Any]:
-    """Return the values of a log line that summarise ended episodes."""
+def figures(
+    episodes: Episodes, outcomes: tuple[str, ...], copies: int = 1,
+) -> dict[str, Any]:
+    """Return the values of a log line that summarise ended episodes.
+
+    :param copies: number of episodes with the same start. They end alike, so the interval of the
+        landing rate counts them as one.
+    """
     if not len(episodes):
         return {'episodes': 0}
     count = sum(landed(episodes, outcomes))
-    low, high = wilson(count, len(episodes))
+    low, high = wilson(count / copies, len(episodes) / copies)
     return {
         'episodes': len(episodes), 'landing_rate': count / len(episodes),
         'landing_rate_low': low, 'landing_rate_high': high,

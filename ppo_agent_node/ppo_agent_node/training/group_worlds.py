@@ -112,6 +112,19 @@ class GroupWorlds:
             **config.curriculum.reset_settings(state.curriculum.level, group),
             'spawn_copies': config.ppo.start_copies})
 
+    def judged(self, flown: Sequence[Sequence[Ended]]) -> Episodes:
+        """Return the episodes of a roll-out by which the level is judged, oldest first.
+
+        Those of the groups that fly `curriculum_wide_level` do not count. Whole episodes are
+        equally old. By their ends, those that crash early would be the oldest and leave the window
+        of the curriculum. So they are ordered by copy and rocket.
+        """
+        wide, copies = self._config.curriculum.curriculum_wide_level, self._config.ppo.start_copies
+        episodes = in_order(flown[::2] if wide else flown)
+        if not self._config.ppo.whole_episodes:
+            return episodes
+        return episodes.take(np.lexsort((episodes.row, episodes.row % copies)))
+
     def hardest(self, flown: Sequence[Sequence[Ended]], state: RunState) -> Episodes:
         """Return the episodes with the highest starts, of all that ended in a roll-out.
 

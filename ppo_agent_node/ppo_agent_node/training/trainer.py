@@ -234,7 +234,7 @@ class Trainer:
         outcomes = self._spec.outcomes
         self._state = replace(
             state.advance(
-                episode_scores.landed(episodes, outcomes),
+                episode_scores.landed(self._worlds.judged(flown), outcomes),
                 episode_scores.landed(self._worlds.hardest(flown, state), outcomes)),
             iteration=iteration,
             steps=state.steps + sum(self._ranks.main.gather(rollout.steps, self._fleet.poll)),
@@ -249,7 +249,8 @@ class Trainer:
                 self._say(line)
         self._finish_iteration(
             best, message, level=state.curriculum.level, learning_rate=learning_rate,
-            **state.reverse.figures(), **episode_scores.figures(episodes, outcomes),
+            **state.reverse.figures(),
+            **episode_scores.figures(episodes, outcomes, self._config.ppo.start_copies),
             **asdict(diagnostics), **policy.diagnostics(), **numbers)
 
     def _reset_world(self) -> None:

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from ppo_agent_node.runs.episode_scores import ScoreLines
+from ppo_agent_node.runs.episode_scores import figures
 from ppo_agent_node.runs.episode_scores import moving_average
+from ppo_agent_node.statistics import wilson
+from rocket_sim_node.worlds import Episodes
 
 
 def test_lines_are_those_of_the_original() -> None:
@@ -29,3 +32,14 @@ def test_moving_average() -> None:
     naive = [scores[max(0, end - 50):end].mean() for end in range(1, 174)]
     assert moving_average(scores) == pytest.approx(naive, abs=1e-9)
     assert len(moving_average(np.zeros(0))) == 0
+
+
+def test_the_interval_counts_the_copies_of_a_start_as_one_episode() -> None:
+    none, whole = np.zeros(64), np.zeros(64, np.int64)
+    outcome = np.repeat(np.array([0, 1], np.uint8), (48, 16))
+    episodes = Episodes(
+        whole, whole, none, whole, outcome, *([none] * 6), ignitions=whole, control_effort=none)
+    alone, alike = (figures(episodes, ('landed', 'crashed'), copies) for copies in (1, 16))
+    assert alone['landing_rate'] == alike['landing_rate'] == 0.75
+    assert (alone['landing_rate_low'], alone['landing_rate_high']) == wilson(48, 64)
+    assert (alike['landing_rate_low'], alike['landing_rate_high']) == wilson(3, 4)
