@@ -92,8 +92,9 @@ class BagFile:
         try:
             if any(self._partial.iterdir()):
                 self._repair()
-                os.close(self._lock)
-                self._lock = self._take()
+                if not is_at(self._lock, self._partial):  # what it held is published
+                    repaired, self._lock = self._lock, self._take()
+                    os.close(repaired)
             self._begin()
         except BaseException:
             with suppress(OSError):
@@ -115,8 +116,9 @@ class BagFile:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
                 os.close(lock)
-                raise OSError(
-                    error.errno, 'another recorder writes this bag', str(self._partial)) from error
+                reason = ('another recorder writes this bag' if isinstance(error, BlockingIOError)
+                          else f'cannot be locked: {error.strerror}')
+                raise OSError(error.errno, reason, str(self._partial)) from error
             if is_at(lock, self._partial):
                 return lock
             os.close(lock)  # it was published at this moment
@@ -263,53 +265,88 @@ class BagFile:
         else:
             return
         check_space(self._path.parent, broken.stat().st_size + RESERVE)
-        self._begin()
-        stream = self._stream
-        assert stream is not None
-        for topic, text, message in salvage(broken):
-            if topic.name not in self._topics:
-                self._topics[topic.name] = _Open(topic, text)
-            self._put(topic.name, message.data, message.log_time, message.publish_time)
+        damages: list[tuple[int, Exception]] = []
+        try:
+            self._copy(broken, damages)
+        except (OSError, MemoryError) as error:
+            number, reason = (
+                (error.errno, error.strerror) if isinstance(error, OSError)
+                else (errno.ENOMEM, 'out of memory'))
+            raise OSError(
+                number, f'left by a recorder that was killed, not repaired yet: {reason}',
+                str(broken)) from error
         self._custom['repaired'] = 'its recorder was killed: the last second may be incomplete'
-        with stream:
-            self._writer.finish()
-        self._stream = None
-        count = self.count
-        if count:
+        for place, damage in damages:
+            size = broken.stat().st_size
+            # First, so that a kill of this recorder leaves all of it, too.
+            kept = publish(
+                broken, self._path.with_name(f'{self._path.name}.damaged.mcap'), '.mcap')
+            self._custom['repaired'] = f'its file was damaged at byte {place} of {size}'
+            self._note('WARN', f'a recorder was killed and its bag is damaged at byte {place} of '
+                               f'{size}; the whole file is kept as {kept}: {damage!r:.200}')
+        if self.count:
             self._describe()
-        broken.unlink()
-        if count:
+        broken.unlink(missing_ok=True)
+        if self.count:
             where = publish(self._partial, self._path)
             self._note('WARN', f'a recorder was killed: its bag is repaired, {where} '
-                               f'({count} messages)')
+                               f'({self.count} messages)')
         else:
             self._file.unlink()
-            self._note('INFO', 'a recorder was killed before it received anything')
+            if not damages:
+                self._note('INFO', 'a recorder was killed before it received anything')
         self.count = 0
         self._topics.clear()
         self._schemas.clear()
         self._custom.clear()
 
+    def _copy(self, broken: Path, damages: list[tuple[int, Exception]]) -> None:
+        """Write the readable part of a broken file, and add what ends it to `damages`."""
+        self._begin()
+        stream, self._stream = self._stream, None
+        assert stream is not None
+        with stream:
+            for topic, text, message in salvage(broken, damages):
+                if topic.name not in self._topics:
+                    self._topics[topic.name] = _Open(topic, text)
+                self._put(topic.name, message.data, message.log_time, message.publish_time)
+            self._writer.finish()
 
-def salvage(path: Path) -> Iterator[tuple[Topic, str, Message]]:
+
+def salvage(
+    path: Path, damages: list[tuple[int, Exception]] | None = None,
+) -> Iterator[tuple[Topic, str, Message]]:
     """Yield the messages of an MCAP file up to where it is cut short or damaged.
 
     Each comes with its topic and the text of its definition.
+
+    :param damages: gets the byte at which a damaged record begins, and its error. A last record
+        that is merely cut short is no damage.
+    :raises OSError: when the file cannot be read; MemoryError: when there is no memory for it.
     """
     schemas: dict[int, Schema] = {}
     topics: dict[int, tuple[Topic, str]] = {}
-    with path.open('rb') as stream, suppress(
-            *DAMAGED, OSError):
-        for record in mcap_file.records(stream):
-            if isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                schema = schemas[record.schema_id]
-                topics[record.id] = Topic(
-                    record.topic, schema.name, record.metadata.get('topic_type_hash', ''),
-                    _offered(record.metadata)), schema.data.decode('utf-8')
-            elif isinstance(record, Message):
-                yield (*topics[record.channel_id], record)
+    place = 0
+    with path.open('rb') as stream:
+        try:
+            mcap_file.start(stream)
+            while True:
+                place = stream.tell()
+                for record in mcap_file.records_at(stream, place):
+                    if isinstance(record, Schema):
+                        schemas[record.id] = record
+                    elif isinstance(record, Channel):
+                        schema = schemas[record.schema_id]
+                        topics[record.id] = Topic(
+                            record.topic, schema.name, record.metadata.get('topic_type_hash', ''),
+                            _offered(record.metadata)), schema.data.decode('utf-8')
+                    elif isinstance(record, Message):
+                        yield (*topics[record.channel_id], record)
+        except MemoryError:
+            raise
+        except DAMAGED as error:
+            if damages is not None and not mcap_file.is_cut(stream, place):
+                damages.append((place, error))
 
 
 def _offered(metadata: Mapping[str, str]) -> tuple[Quality, ...]:
@@ -323,12 +360,13 @@ def _offered(metadata: Mapping[str, str]) -> tuple[Quality, ...]:
         return ()
 
 
-def publish(source: Path, path: Path) -> Path:
-    """Rename a folder to `path`, or to the next free name: bag, bag-2 and so on.
+def publish(source: Path, path: Path, suffix: str = '') -> Path:
+    """Rename a folder or file to `path`, or to the next free name: bag, bag-2 and so on.
 
+    :param suffix: end of the name before which the number stands.
     :return: the resulting path.
     """
-    for target in numbered(path):
+    for target in numbered(path, suffix):
         if os.path.lexists(target):
             continue
         try:

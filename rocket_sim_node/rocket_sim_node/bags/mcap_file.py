@@ -32,7 +32,6 @@ from mcap.records import Chunk
 from mcap.records import McapRecord
 from mcap.records import Message
 from mcap.records import Schema
-from mcap.stream_reader import StreamReader
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.stream_reader import read_magic
 from zstandard import ZstdDecompressor
@@ -41,6 +40,8 @@ LARGEST_RECORD = 256 * 2**20
 """Maximum bytes of a record; of a chunk also when it is decompressed."""
 LARGEST_TOTAL = 64 * 2**30
 """Maximum bytes of all chunks when they are decompressed."""
+MOST_CUT = 4 * 2**20
+"""Bytes of a record that a kill cuts short, at most: chunks have one MiB and a message."""
 MOST_WAITING = 2**30
 """Maximum bytes of memory for messages that wait for earlier ones."""
 _OVERHEAD = 400
@@ -85,7 +86,8 @@ def messages(
     """Yield the messages of a file by the time at which they were received.
 
     :param topics: names of the topics wanted; None: all.
-    :raises Exception: one of `damage.DAMAGED`, when the file is cut short, damaged or too large.
+    :raises Exception: one of `read_errors.DAMAGED`, when the file is cut short, damaged or too
+        large.
     """
     found = _contents(stream)
     waiting, memory = found.waiting, _OVERHEAD * len(found.waiting)
@@ -114,18 +116,36 @@ def messages(
                    message)
 
 
-def records(stream: BinaryIO) -> Iterator[McapRecord]:
-    """Yield the records of a file in their order, those of chunks as well.
+def start(stream: BinaryIO) -> None:
+    """Go to the first record of a file.
 
-    :raises Exception: one of `damage.DAMAGED`, where the file is cut short, damaged or too large.
+    :raises Exception: one of `read_errors.DAMAGED`, when it is not an MCAP file.
     """
-    for record in StreamReader(
-            stream, emit_chunks=True, validate_crcs=True,
-            record_size_limit=LARGEST_RECORD).records:
-        if isinstance(record, Chunk):
-            yield from unpacked(record)
-        else:
-            yield record
+    stream.seek(0)
+    read_magic(ReadDataStream(stream))
+
+
+def records_at(stream: BinaryIO, place: int) -> Iterator[McapRecord]:
+    """Yield the schemas, channels and messages of the record at an offset, and go past it.
+
+    :raises Exception: one of `read_errors.DAMAGED`, when it is cut short, damaged or too large.
+    """
+    record = _read(stream, place)
+    if isinstance(record, Chunk):
+        yield from unpacked(record)
+    elif record is not None:
+        yield record
+
+
+def is_cut(stream: BinaryIO, place: int) -> bool:
+    """Return whether a file merely ends within the record at an offset, as after a kill."""
+    left = os.fstat(stream.fileno()).st_size - place
+    if left < _HEAD.size:
+        return True
+    stream.seek(place)
+    _, length = _HEAD.unpack(_exactly(stream, _HEAD.size))
+    # Larger ones are no records that were being written: their lengths are damaged.
+    return place > 0 and left <= MOST_CUT and left - _HEAD.size < length <= LARGEST_RECORD
 
 
 def unpacked(chunk: Chunk) -> Iterator[McapRecord]:
@@ -165,8 +185,7 @@ def unpacked(chunk: Chunk) -> Iterator[McapRecord]:
 
 def _contents(stream: BinaryIO) -> _Contents:
     """Return what a file holds, without its messages."""
-    stream.seek(0)
-    read_magic(ReadDataStream(stream))
+    start(stream)
     end = os.fstat(stream.fileno()).st_size
     found, total = _Contents(), 0
     while True:
@@ -177,11 +196,11 @@ def _contents(stream: BinaryIO) -> _Contents:
         if opcode == Opcode.FOOTER:
             break
         if opcode == Opcode.CHUNK:
-            start, _, size = _CHUNK_HEAD.unpack(_exactly(stream, _CHUNK_HEAD.size))
+            begin, _, size = _CHUNK_HEAD.unpack(_exactly(stream, _CHUNK_HEAD.size))
             _check(size, LARGEST_RECORD, 'a chunk')
             total += size
             _check(total, LARGEST_TOTAL, 'its chunks')
-            found.waiting.append(_Waiting(start, place, 0, None))
+            found.waiting.append(_Waiting(begin, place, 0, None))
         elif opcode == Opcode.MESSAGE:
             _, _, time, _ = _MESSAGE_HEAD.unpack(_exactly(stream, _MESSAGE_HEAD.size))
             found.waiting.append(_Waiting(time, place, 0, None))

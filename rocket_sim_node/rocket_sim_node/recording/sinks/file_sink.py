@@ -117,9 +117,10 @@ class FileSink:
                 _lock(lock)
             except OSError as error:
                 os.close(lock)
-                raise OSError(
-                    error.errno, 'another recorder is writing this file', str(self._partial)
-                ) from error
+                reason = ('another recorder is writing this file'
+                          if isinstance(error, BlockingIOError)
+                          else f'cannot be locked: {error.strerror}')
+                raise OSError(error.errno, reason, str(self._partial)) from error
             if not is_at(lock, self._partial):  # it was published at this moment
                 os.close(lock)
             elif os.fstat(lock).st_nlink > 1:  # published by a process killed at this moment

@@ -28,6 +28,7 @@ from tf2_msgs.msg import TFMessage
 
 from rocket_sim_node.bags import bag_file
 from rocket_sim_node.bags import definitions
+from rocket_sim_node.bags import mcap_file
 from rocket_sim_node.bags.bag_file import BagFile
 from rocket_sim_node.bags.decoder import Decoder
 from rocket_sim_node.bags.metadata import Quality
@@ -337,6 +338,106 @@ def test_an_interrupted_repair_is_done_again(
         assert found.message_count == len(said)
     assert sorted(file.name for file in (tmp_path / 'bag').iterdir()) == [
         'bag_0.mcap', 'metadata.yaml']
+
+
+def killed(bag: BagFile, said: list[Any]) -> Path:
+    """Write messages, each in its own chunk, as a recorder that is killed; return the file."""
+    for number, message in enumerate(said):
+        write(bag, [message], at=(number + 1) * 20_000_000)
+        bag._writer.flush()
+    os.close(bag._lock)  # as the end of its process does
+    return bag._file
+
+
+@pytest.mark.parametrize('error', [OSError(errno.EIO, 'Input/output error'), MemoryError()])
+def test_a_repair_that_cannot_read_the_bag_deletes_nothing(
+    make_bag: Callable[..., BagFile], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    error: Exception,
+) -> None:
+    said = flight_messages('rocket', 1, STEPS)
+    whole = killed(make_bag(), said).read_bytes()
+    unpacked, chunks = mcap_file.unpacked, 0
+
+    def fail(chunk: Any) -> Any:
+        nonlocal chunks
+        chunks += 1
+        if chunks > 3:
+            raise error
+        return unpacked(chunk)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(mcap_file, 'unpacked', fail)
+        with pytest.raises(OSError, match=r'not repaired yet: .*bag_0\.broken'):
+            make_bag()
+    assert (tmp_path / 'bag.partial/bag_0.broken').read_bytes() == whole
+    make_bag().close()
+    with AnyReader([tmp_path / 'bag']) as found:
+        assert found.message_count == len(said)
+
+
+@pytest.mark.parametrize('what', ['content', 'length', 'everything'])
+def test_a_damaged_bag_of_a_killed_recorder_is_kept(
+    make_bag: Callable[..., BagFile], tmp_path: Path, notes: Notes, what: str,
+) -> None:
+    said = flight_messages('rocket', 1, STEPS)
+    file = killed(make_bag(), said)
+    data = bytearray(file.read_bytes())
+    places = []  # of the chunks
+    place = 8
+    while place < len(data):
+        if data[place] == 6:
+            places.append(place)
+        place += 9 + int.from_bytes(data[place + 1:place + 9], 'little')
+    begin = {'everything': 0}.get(what, places[4])
+    if what == 'length':
+        data[begin + 5] = 1  # 4 GiB
+    else:
+        data[begin + 60:begin + 70] = bytes(10)
+        data[0] ^= what == 'everything'
+    file.write_bytes(data)
+    make_bag().close()
+    assert (tmp_path / 'bag.damaged.mcap').read_bytes() == data
+    assert f'its bag is damaged at byte {begin} of {len(data)}; the whole file is kept as' in (
+        notes.text)
+    assert 'before it received anything' not in notes.text
+    if what == 'everything':
+        assert [path.name for path in tmp_path.iterdir()] == ['bag.damaged.mcap']
+        return
+    with AnyReader([tmp_path / 'bag']) as found:
+        assert found.message_count == 4
+    assert f'damaged at byte {begin}' in (tmp_path / 'bag/metadata.yaml').read_text()
+
+
+@pytest.mark.parametrize(('number', 'words'), [
+    (errno.EWOULDBLOCK, 'another recorder writes this bag'),
+    (errno.ENOLCK, 'cannot be locked: No locks available')])
+def test_only_a_taken_lock_is_that_of_another_recorder(
+    make_bag: Callable[..., BagFile], monkeypatch: pytest.MonkeyPatch, number: int, words: str,
+) -> None:
+    def refuse(lock: int, how: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(bag_file.fcntl, 'flock', refuse)
+    with pytest.raises(OSError, match=words):
+        make_bag()
+
+
+def test_a_lock_that_cannot_be_taken_again_after_a_repair_is_named(
+    make_bag: Callable[..., BagFile], monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its own error shows, and none of a lock that was closed twice."""
+    killed(make_bag(), flight_messages('rocket', 1, STEPS))
+    take, taken = BagFile._take, []
+
+    def once(bag: BagFile) -> int:
+        if taken:
+            raise OSError(errno.ENOLCK, 'No locks available')
+        taken.append(bag)
+        return take(bag)
+
+    monkeypatch.setattr(BagFile, '_take', once)
+    with pytest.raises(OSError, match='No locks available'):
+        make_bag()
 
 
 def test_a_complete_bag_without_its_name_is_renamed(

@@ -2,6 +2,7 @@
 """Recordings: flights are read back unchanged, and each file is small and has its own name."""
 from __future__ import annotations
 
+import errno
 import itertools
 import math
 import os
@@ -215,6 +216,16 @@ def test_two_recorders_cannot_write_one_file(tmp_path: Path) -> None:
     with pytest.raises(OSError, match=r'another recorder is writing this file.*run\.partial\.rrd'):
         FileSink(tmp_path / 'run.rrd', lambda *note: None)
     first.close()
+
+
+def test_a_lock_that_cannot_be_had_is_named(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(lock: int, how: int) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(file_sink.fcntl, 'flock', refuse)
+    with pytest.raises(OSError, match='cannot be locked: No locks available'):
+        FileSink(tmp_path / 'run.rrd', lambda *note: None)
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
