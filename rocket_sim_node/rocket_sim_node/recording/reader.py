@@ -2,6 +2,7 @@
 """Reader that returns the flights of a recording as arrays."""
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from rocket_sim_node import input_file
 from rocket_sim_node.frames import to_world
 from rocket_sim_node.recording.drawing import entities
+from rocket_sim_node.recording.sinks.base import APPLICATION
 from rocket_sim_node.recording.sinks.rrd_file import opened
 from rocket_sim_node.recording.trajectories.trajectory import tilt_of
 
@@ -64,7 +66,10 @@ def trajectories(path: Path | str) -> list[RecordedTrajectory]:
     rockets: dict[str, list[pa.RecordBatch]] = {}
     landings: dict[str, list[pa.RecordBatch]] = {}
     try:
-        for chunk in opened(path).stream():
+        recording = opened(path)
+        if not any(one.application_id.startswith(APPLICATION) for one in recording.recordings()):
+            raise OSError(22, 'not a recording of flights', str(path))
+        for chunk in recording.stream():
             for entity, tables in ((entities.ROCKET, rockets), (entities.LANDINGS, landings)):
                 # A comparison has one copy of the scene per pilot, below the pilot's key.
                 if chunk.entity_path.endswith(entity) and 'step' in chunk.timeline_names:
@@ -136,7 +141,7 @@ def _trajectory(
     else:  # of a comparison, one line per plot
         throttle = part['Flight:throttle'][:, 0]
         if part.get('Flight:fuel_used', EMPTY).size:
-            fuel = tank - part['Flight:fuel_used'][:, 0]
+            fuel = np.float32(_start_fuel(record)) - part['Flight:fuel_used'][:, 0]
         if part.get('Flight:return', EMPTY).size:
             reward = np.diff(part['Flight:return'][:, 0], prepend=np.float32(0))
     return RecordedTrajectory(
@@ -146,6 +151,13 @@ def _trajectory(
         velocity=_velocity(orientation, part['Arrows3D:vectors'][:, :3], record),
         tilt=tilt_of(orientation.astype(np.float64)).astype(np.float32),
         throttle=throttle / np.float32(100), fuel=fuel, reward=reward, summary=record, pilot=pilot)
+
+
+def _start_fuel(record: dict[str, Any]) -> float:
+    """Return the fuel at the start of a flight, kg, also if an older recording lacks it."""
+    conditions = json.loads(record.get('conditions') or '{}')
+    default = record['tank'] * conditions.get('fuel_factor', 1.0)
+    return float(record.get('start_fuel', default))
 
 
 def _column(batch: pa.RecordBatch, name: str) -> NDArray[np.int64]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from rocket_sim_node import command_line
 from rocket_sim_node.recording.reader import RecordedTrajectory
@@ -14,6 +15,7 @@ from rocket_sim_node.recording.reader import trajectories
 from rocket_sim_node.recording.render import render
 from rocket_sim_node.recording.scene.blueprint import TABS
 from rocket_sim_node.recording.sinks.rerun_program import ViewerError
+from rocket_sim_node.recording.sinks.rewrite import tabs
 from rocket_sim_node.settings import setting
 
 BURN_HEIGHT = 26.0
@@ -60,7 +62,8 @@ def moment(picture: ScreenshotSettings, flights: list[RecordedTrajectory]) -> fl
     number = picture.flight if picture.flight >= 0 else (landed or [len(flights) - 1])[-1]
     flight = flights[number]
     if picture.at == 'end':
-        return max(one.start + float(one.time[-1]) for one in flights) + 1.0
+        ends = (one.start + float(one.time[-1]) + _settling(one) for one in flights)
+        return max(ends) + 1.0
     if picture.at == 'touchdown':
         return flight.start + float(flight.time[-1]) + 1.0
     height = flight.position[:, 2] - flight.position[-1, 2]
@@ -69,18 +72,36 @@ def moment(picture: ScreenshotSettings, flights: list[RecordedTrajectory]) -> fl
     return flight.start + float(flight.time[low[0] if low.size else len(flight.time) // 2])
 
 
+def _settling(flight: RecordedTrajectory) -> float:
+    """Return the duration of the motion after a flight, s."""
+    return float(flight.summary.get('settled', 0) * flight.summary['dt'])
+
+
+def _check_output(output: str) -> None:
+    """Check that a picture can have this name.
+
+    :raises ValueError: when it cannot.
+    """
+    if Image.registered_extensions().get(Path(output).suffix.lower()) not in Image.SAVE:
+        raise ValueError(f'output: got {output!r}, expected a name that ends with .png')
+
+
 def take(picture: ScreenshotSettings) -> str:
     """Make an image; return the text to print.
 
-    :raises ValueError: when there is no such flight or time.
+    :raises ValueError: when there is no such flight, time or tab, or no picture has such a name.
     :raises OSError: when the recording cannot be read, or the image cannot be written.
     :raises ViewerError: when the viewer cannot show it.
     """
+    _check_output(picture.output)
     recording = Path(picture.recording)
     flights = trajectories(recording)
     if picture.tab != 'flight' and any(flight.pilot for flight in flights):
         raise ValueError(
             f'tab: got {picture.tab!r}, expected flight, as {recording} compares pilots')
+    if picture.tab != 'flight' and picture.tab not in (there := tabs(recording)):
+        raise ValueError(
+            f'tab: got {picture.tab!r}, expected {", ".join(there)}, as {recording} has')
     # The timeline of a training counts iterations; the last one is shown.
     when = 2**31 if picture.tab == 'training' else moment(picture, flights)
     image, = render(recording, [when], size=(picture.width, picture.height), tab=picture.tab)

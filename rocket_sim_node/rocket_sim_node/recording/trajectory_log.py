@@ -226,6 +226,7 @@ def _summary(
         'speed': float(flight.speed[-1]), 'tilt': float(flight.tilt[-1]),
         'distance': float(flight.distance[-1]),
         'fuel_used': float(flight.fuel[0] - flight.fuel[-1]), 'tank': info.fuel,
+        'start_fuel': float(flight.fuel[0]),
         'dt': info.dt, 'arrow': look.velocity * info.unit,
         'settled': 0 if settling is None else len(settling.values),
         'verdict': '' if settling is None else settling.verdict,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -37,12 +38,12 @@ def rewrite(source: Path, target: Path, tab: str = 'flight') -> None:
     with _os_error('not a readable recording', source):
         reader = opened(source)
         store = joined(reader)
-        paths = store.schema().entity_paths()
-        trained = any(path.startswith(entities.TRAINING) for path in paths)
+        further = _further_tabs(store.schema().entity_paths())
         world = _world(reader)
     with _os_error('could not be written', target):
         save(reader, store, target, blueprint(
-            training=trained, unusual=entities.CONDITIONS in paths, tab=tab, world=world))
+            training='training' in further, unusual='conditions' in further, tab=tab,
+            world=world))
 
 
 def add_contents(source: Path, target: Path, layout: rrb.Blueprint) -> None:
@@ -60,6 +61,22 @@ def add_contents(source: Path, target: Path, layout: rrb.Blueprint) -> None:
                 stream.send_chunks(chunk)
                 if not number % FLUSHED:
                     flush(stream)
+
+
+def tabs(path: Path) -> list[str]:
+    """Return which of :data:`blueprint.TABS` the layout of a recording has.
+
+    :raises OSError: when it cannot be read.
+    """
+    with _os_error('not a readable recording', path):
+        paths = {chunk.entity_path for chunk in opened(path).stream()}
+    return ['flight', 'log', *_further_tabs(paths)]
+
+
+def _further_tabs(paths: Collection[str]) -> list[str]:
+    """Return the tabs that only recordings with some entities have."""
+    trained = any(path.startswith(entities.TRAINING) for path in paths)
+    return ['training'] * trained + ['conditions'] * (entities.CONDITIONS in paths)
 
 
 def is_empty(path: Path) -> bool:

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]  # it has no types
 import pytest
 import yaml
 from rerun.chunk import RrdReader
@@ -25,6 +26,7 @@ from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node import worlds
 from rocket_sim_node.recording import reader
 from rocket_sim_node.recording import screenshot
+from rocket_sim_node.recording import trajectory_log
 from rocket_sim_node.recording.comparison import comparison
 from rocket_sim_node.recording.comparison import table
 from rocket_sim_node.recording.comparison.comparison import Side
@@ -36,6 +38,7 @@ from rocket_sim_node.recording.trajectories.trajectory import Trajectory
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import WIDTH
+from rocket_sim_node.telemetry.samples import Layout
 from rocket_sim_node.worlds.rocket import conditions
 
 pytestmark = pytest.mark.slow
@@ -151,6 +154,36 @@ def test_the_plots_hold_the_flights(run: Path) -> None:
             [value[0] for _, value in rows], expected, atol=2e-3, err_msg=name)
 
 
+@pytest.mark.parametrize('known', ['start_fuel', 'conditions', 'none'])
+def test_the_fuel_of_a_comparison_is_that_of_its_vehicles(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, known: str,
+) -> None:
+    """Older files lack the fuel at the start, and have the drawn factor at most."""
+    stage = replace(STAGE, condition_names=('fuel_factor',))
+    flight = fall(2.0)
+    layout = Layout(conditions=1)
+    values = np.concatenate((flight.values, np.full((len(flight), 1), 0.9)), axis=1)
+    values[:, FIELDS['fuel']] = 1_800.0 - np.arange(len(flight))[:, None]
+    flight = replace(flight, values=values, layout=layout)
+    path = tmp_path / 'a.rrd'
+    summary = trajectory_log._summary
+
+    def older(*what: Any) -> Any:
+        record, = summary(*what).to_pylist()
+        if known != 'start_fuel':
+            del record['start_fuel']
+        if known == 'none':
+            del record['conditions']
+        return pa.array([record])
+
+    monkeypatch.setattr(trajectory_log, '_summary', older)
+    comparison.write(
+        path, [Side('a', 'a', 'A', (flight,))], stage, lambda flights, info: [None])
+    found, = reader.trajectories(path)
+    tank = 2_000.0 if known == 'none' else 1_800.0
+    np.testing.assert_allclose(found.fuel, tank - np.arange(len(flight)), atol=1e-2)
+
+
 def test_results_are_printed_and_recorded(run: Path) -> None:
     said = (run / 'said').read_text()
     assert 'Run **seven**, world **rocket, level 5**: 10 equal starts, seed 20000000.' in said
@@ -226,11 +259,14 @@ def test_touchdowns_are_averaged_over_those_that_landed() -> None:
 
 def test_the_end_is_that_of_the_recording() -> None:
     """It is not that of the last pilot by name, nor that of the selected flight."""
-    flights = [SimpleNamespace(start=start, time=np.array((0.0, long)), outcome='landed')
+    flights = [SimpleNamespace(start=start, time=np.array((0.0, long)), outcome='landed',
+                               summary={'settled': 0, 'dt': 0.02})
                for start, long in ((0.0, 5.0), (9.0, 8.0), (9.0, 6.0))]
     for flight in (-1, 0, 1):
         picture = screenshot.ScreenshotSettings('a.rrd', at='end', flight=flight)
         assert screenshot.moment(picture, flights) == 18.0  # type: ignore[arg-type]
+    flights[2].summary['settled'] = 250
+    assert screenshot.moment(picture, flights) == 21.0  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize('at', ['nan', 'inf', '-inf', 'soon'])
@@ -307,6 +343,27 @@ def test_a_comparison_has_no_other_tabs(
     with pytest.raises(SystemExit):
         screenshot.main()
     assert "tab: got 'training', expected flight" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('arguments', 'complaint'), [
+    (['tab:=training'], "tab: got 'training', expected flight, log, as"),
+    (['tab:=conditions'], "tab: got 'conditions', expected flight, log, as"),
+    (['output:=picture'], "output: got 'picture', expected a name that ends with .png")])
+def test_what_a_screenshot_cannot_show_is_refused_before_it_is_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    arguments: list[str], complaint: str,
+) -> None:
+    world = worlds.make('rocket', 1)
+    samples = recorded_flights.fly(world, scripted_pilot(world.spec), 3)
+    record(tmp_path / 'a.rrd', WorldInfo.of(world.spec), samples)
+    monkeypatch.setattr(screenshot, 'render', lambda *what, **how: pytest.fail('drawn'))
+    monkeypatch.setattr(
+        sys, 'argv', ['screenshot', f'recording:={tmp_path / "a.rrd"}', *arguments])
+    with pytest.raises(SystemExit) as end:
+        screenshot.main()
+    said = capsys.readouterr().err
+    assert end.value.code == 2
+    assert complaint in said and said.count('\n') == 1
 
 
 def test_two_worlds_in_one_file_are_read(tmp_path: Path) -> None:

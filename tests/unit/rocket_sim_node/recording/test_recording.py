@@ -799,6 +799,12 @@ def test_a_file_that_is_not_a_recording_is_named(tmp_path: Path) -> None:
     (tmp_path / 'junk.rrd').write_bytes(b'junk' * 100)
     with pytest.raises(OSError, match='not a readable recording'):
         reader.trajectories(tmp_path / 'junk.rrd')
+    with rr.RecordingStream('another') as stream:
+        stream.save(tmp_path / 'theirs.rrd')
+        stream.log('/world/rocket', rr.TextLog('no rocket'))
+        stream.disconnect()
+    with pytest.raises(OSError, match='not a recording of flights'):
+        reader.trajectories(tmp_path / 'theirs.rrd')
 
 
 def test_a_long_training_is_logged_in_ever_larger_parts() -> None:
