@@ -279,8 +279,8 @@ class Recorder:
     def _record_held(self, now: bool = False) -> None:
         """Record flights that have waited long enough.
 
-        They wait until the followed flight has been shown; without a viewer, for HELD seconds. In
-        either case at most MOST_HELD wait.
+        They wait until the followed flight has been shown, however many they are; without a
+        viewer, for HELD seconds and at most MOST_HELD of them.
 
         :param now: do not wait, unless a flight is followed.
         """

@@ -96,7 +96,7 @@ class Ends:
         self._found.clear()
 
     def marker(self, info: WorldInfo) -> Marker:
-        """Return a sphere on the ground below each, coloured by its outcome."""
+        """Return a sphere at the feet of each, also in the air, coloured by its outcome."""
         colours = palette.outcome_colours(info.outcomes)
         points = np.array([position for position, _ in self._found]).reshape(-1, 3)
         points[:, 2] = np.maximum(points[:, 2] - info.unit, 0.0)
