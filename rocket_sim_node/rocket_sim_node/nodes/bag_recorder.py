@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import replace
 from fnmatch import fnmatchcase
@@ -94,15 +95,14 @@ class _Recorded:
 class BagNode:
     """Subscribes to topics as they appear, and writes their serialized messages to a bag."""
 
-    def __init__(self, node: Node, bag: BagFile, wanted: str) -> None:
+    def __init__(self, node: Node, bag: BagFile, wanted: Sequence[str]) -> None:
         """Start without topics.
 
-        :param wanted: as parameter `topics`.
+        :param wanted: absolute names of the wanted topics, with stars; empty: all.
         """
         self._node = node
         self._bag = bag
-        self._wanted = [
-            _absolute(node, name) for name in re.split(r'[\s,]+', wanted.strip()) if name]
+        self._wanted = wanted
         self._recorded: dict[str, _Recorded] = {}
         self._refused: dict[str, str] = {}
         self._clock = MonotonicClock()
@@ -307,12 +307,15 @@ def record(node: Node, executor: Executor) -> int:
     if not options.output.strip('/. '):
         raise ParameterError(f'parameter output: got {options.output!r}, expected a folder')
 
+    wanted = [
+        _absolute(node, name) for name in re.split(r'[\s,]+', options.topics.strip()) if name]
+
     note = notes_of(node)
 
     bag = BagFile(
         Path(options.output).absolute(), note, options.compression,
         os.environ.get('ROS_DISTRO', ''))
-    recorder = BagNode(node, bag, options.topics)
+    recorder = BagNode(node, bag, wanted)
     note('INFO', f'recording to {options.output}')
     try:
         create_timer(node, _LOOK, recorder.look)

@@ -23,6 +23,7 @@ from rocket_sim_node.nodes.listeners import notes_of
 from rocket_sim_node.recording.drawing.training_plots import training_of
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.sinks.base import Sink
+from rocket_sim_node.recording.sinks.destinations import check_suffix
 from rocket_sim_node.recording.sinks.file_sink import FileSink
 from rocket_sim_node.recording.sinks.live_sink import LiveSink
 from rocket_sim_node.recording.sinks.rerun_program import ViewerError
@@ -39,6 +40,7 @@ from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.invalid_input import ignore_invalid_input
 from rocket_sim_node.wire.node.parameters import ParameterError
 from rocket_sim_node.wire.node.parameters import Parameters
+from rocket_sim_node.wire.node.running import USAGE_ERROR
 from rocket_sim_node.wire.node.running import leave
 from rocket_sim_node.wire.node.running import run
 from rocket_sim_node.wire.node.steady_clock import create_timer
@@ -121,13 +123,15 @@ class RecorderNode:
                 self._recorder.training_is_over()
 
 
-def record(node: Node, executor: Executor) -> None:
-    """Record until asked to stop."""
+def record(node: Node, executor: Executor) -> int:
+    """Record until asked to stop, or until nothing can be recorded; return the exit status."""
     os.nice(NICENESS)
     parameters = Parameters(node)
     destinations = parameters.declare(Destinations)
     choice = parameters.declare(RecordingFilter)
     parameters.finish()
+    if destinations.output:
+        check_suffix(destinations.output)
 
     note = notes_of(node)
 
@@ -140,8 +144,10 @@ def record(node: Node, executor: Executor) -> None:
             stack.callback(page.close)
             sinks.append(LiveSink(page.url, note))
             note('INFO', f'{INVITATION}{page.page}')
+        file = None
         if destinations.output:
-            sinks.append(FileSink(Path(destinations.output).absolute(), note))
+            file = FileSink(Path(destinations.output).absolute(), note)
+            sinks.append(file)
         if not sinks:
             note('WARN', 'nothing to do: set output, connect or serve_web')
         recorder = Recorder(choice, sinks, note, settle=touchdown.follow)
@@ -150,7 +156,8 @@ def record(node: Node, executor: Executor) -> None:
         if destinations.output:
             note('INFO', f'recording to {destinations.output}')
         try:
-            while not stopping.requested():
+            # Viewers come and go; a file ends when its disk is full.
+            while not stopping.requested() and (file is None or file.open or len(sinks) > 1):
                 executor.spin_once(timeout_sec=SPIN_PERIOD)
                 heard.look_after_agents()
                 heard.tick()
@@ -159,6 +166,7 @@ def record(node: Node, executor: Executor) -> None:
             heard.close()
             lost = f'; {recorder.missed} steps were not received' if recorder.missed else ''
             note('INFO', f'{recorder.flights} flights recorded, {recorder.steps} steps{lost}')
+    return 0 if file is None or file.complete else USAGE_ERROR
 
 
 def main() -> None:

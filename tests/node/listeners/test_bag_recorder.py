@@ -189,7 +189,7 @@ def test_messages_of_another_definition_are_left_out() -> None:
         get_publishers_info_by_topic=lambda topic: [other],
         get_logger=lambda: SimpleNamespace(error=said.append))
     bag: Any = SimpleNamespace(tick=lambda: None)
-    recorder = BagNode(node, bag, '')
+    recorder = BagNode(node, bag, [])
     for _ in range(2):
         recorder.look()
     assert len(said) == 1  # once
@@ -227,7 +227,7 @@ def test_a_topic_is_recorded_again_when_its_other_definition_has_gone() -> None:
     bag: Any = SimpleNamespace(
         tick=lambda: None, add_topic=lambda topic: None, tell=diagnostics.__setitem__,
         write=lambda topic, data, *_: written.append(data))
-    recorder = BagNode(node, bag, '')
+    recorder = BagNode(node, bag, [])
     right, wrong = end(bytes.fromhex(type_hash(kind).removeprefix('RIHS01_'))), end(bytes(32))
 
     def publish(step: int) -> None:
@@ -318,6 +318,15 @@ def test_a_bag_is_shown_and_played_by_the_command(
     assert worlds
     assert worlds[0].world == 'rocket'
     assert {int(step) for state in states for step in state.step} == set(range(FALL + 1))
+
+
+def test_a_recorder_of_impossible_topics_leaves_nothing(
+        processes: Processes, tmp_path: Path) -> None:
+    recorder = processes.fork_node(
+        'rocket_sim_node', 'bag_recorder', output=tmp_path / 'bag', topics='state 7up')
+    assert recorder.wait(20.0) == 2
+    assert "parameter topics: got '7up'" in recorder.output()
+    assert not list(tmp_path.glob('bag*'))
 
 
 @pytest.mark.parametrize(('arguments', 'complaint'), [

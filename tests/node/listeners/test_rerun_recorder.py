@@ -191,6 +191,14 @@ def test_a_new_recorder_repairs_the_file_of_a_killed_one(
     assert list(tmp_path.glob('*.rrd')) == [path]
 
 
+def test_a_recording_has_the_name_of_one(processes: Processes, tmp_path: Path) -> None:
+    recorder = processes.fork_node(
+        'rocket_sim_node', 'rerun_recorder', output=tmp_path / 'run.txt')
+    assert recorder.wait(20.0) == 2
+    assert 'expected a name that ends with .rrd' in recorder.output()
+    assert not list(tmp_path.glob('run*'))
+
+
 def test_the_web_page_is_for_this_machine(processes: Processes, tmp_path: Path) -> None:
     port = rerun_program.free_port()
     recorder = processes.fork_node(

@@ -127,8 +127,7 @@ def test_evaluation_and_recording_on_a_full_disk(
     if (output / 'evaluation.json').exists():
         json.loads((output / 'evaluation.json').read_text())
     recorder.wait_for('the recording ends here', 60.0)
-    recorder.signal(signal.SIGINT)
-    assert recorder.wait(30.0) == 0, processes.logs()
+    assert recorder.wait(30.0) == (0 if recording.exists() else 2), processes.logs()
     if not recording.exists():
         # The disk was full within a flight: the next one makes of it what can be made.
         assert 'could not be finished and remains at' in recorder.output()

@@ -6,6 +6,7 @@ as it shows those of a bag or of a `foxglove_bridge`.
 """
 from __future__ import annotations
 
+import socket
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -23,6 +24,7 @@ from rclpy.serialization import serialize_message
 from rocket_sim_node.bags.definitions import definition
 from rocket_sim_node.nodes.bridge.topics import Outlet
 from rocket_sim_node.recording.sinks.destinations import check_page
+from rocket_sim_node.recording.sinks.destinations import page_address
 
 _BACKLOG = 100
 """Messages kept for a viewer that does not keep up; then the oldest are dropped."""
@@ -48,7 +50,8 @@ class FoxgloveServer:
                 message_backlog_size=_BACKLOG)
         except RuntimeError as error:  # taken since the check
             raise ValueError(f'foxglove_port: {port}: {error}') from None
-        self.url = f'ws://{host}:{port}'
+        far = socket.gethostname() if page_address(host).is_unspecified else host
+        self.url = f'ws://{far}:{port}'
 
     def topic(self, kind: Any, topic: str, latched: bool) -> Outlet:
         """Offer a topic.

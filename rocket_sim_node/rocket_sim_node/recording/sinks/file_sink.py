@@ -85,6 +85,8 @@ class FileSink:
         """
         self._path = path
         self._note = note
+        self.complete = True
+        """Whether nothing was left unfinished; known once the sink is closed."""
         self._partial = partial_path(path)
         self._merged, self._repaired, self._whole = (
             self._partial.with_name(f'{self._partial.stem}.{name}{path.suffix}')
@@ -108,6 +110,11 @@ class FileSink:
                 self._partial.unlink()
             os.close(self._lock)
             raise
+
+    @property
+    def open(self) -> bool:
+        """Whether more can be written."""
+        return self._stream is not None
 
     def _take(self) -> int:
         """Return a lock on the partial file, which is created if missing."""
@@ -279,11 +286,12 @@ class FileSink:
             return
         stream, self._stream = self._stream, None
         try:
-            self._finish(stream)
+            self.complete = self._finish(stream)
         finally:
             os.close(self._lock)
 
-    def _finish(self, stream: rr.RecordingStream) -> None:
+    def _finish(self, stream: rr.RecordingStream) -> bool:
+        """Finish the file and rename it; return whether that was possible."""
         try:
             end(stream)
         except RuntimeError as error:
@@ -291,22 +299,23 @@ class FileSink:
                 self._note('ERROR', f'the recording could not be finished and remains at '
                                     f'{self._partial}; the next recorder with this output '
                                     f'repairs it: {error}')
-                return
+                return False
         if not is_at(self._lock, self._partial):
             self._note('ERROR', f'the recording is lost: {self._partial} was removed')
-            return
+            return False
         if self._empty:
             self._partial.unlink()
             self._note('WARN', f'nothing was recorded: {self._path} was not written')
-            return
+            return True
         self._add_contents()
         try:
             where = publish(self._partial, self._path)
         except OSError as error:
             self._note('ERROR', f'the recording is complete, but remains at {self._partial}: '
                                 f'{error}')
-            return
+            return False
         self._note('INFO', f'recording saved: {where} ({where.stat().st_size / 2**20:.1f} MiB)')
+        return True
 
 
 def _lock(file: int) -> None:
