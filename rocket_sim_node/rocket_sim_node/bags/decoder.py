@@ -7,6 +7,8 @@ size, counted from after the first four bytes, which name the byte order.
 from __future__ import annotations
 
 import struct
+from graphlib import CycleError
+from graphlib import TopologicalSorter
 from types import SimpleNamespace
 from typing import Any
 
@@ -26,7 +28,7 @@ class Decoder:
     def __init__(self, type_name: str, text: str) -> None:
         """Read a definition in the form of `definitions.definition`.
 
-        :raises ValueError: when a message that is part of it is missing.
+        :raises ValueError: when a message that is part of it is missing, or contains itself.
         """
         self._first = type_name.replace('/msg/', '/')
         first, *others = text.split(f'{BORDER}\n')
@@ -45,6 +47,15 @@ class Decoder:
             for kind, _, field in found:
                 if kind not in PRIMITIVES and kind != 'string' and kind not in self._fields:
                     raise ValueError(f'{name}: {field} is of type {kind}, which is not defined')
+        try:
+            TopologicalSorter({
+                name: [kind for kind, _, _ in found if kind in self._fields]
+                for name, found in self._fields.items()}).prepare()
+        except CycleError as error:
+            part, whole = error.args[1][:2]
+            field = next(field for kind, _, field in self._fields[whole] if kind == part)
+            raise ValueError(
+                f'{whole}: {field} is of type {part}, which contains {whole}') from error
 
     def decode(self, data: bytes) -> Any:
         """Return a message: an object with its fields, sequences of numbers as NumPy arrays.
@@ -56,7 +67,7 @@ class Decoder:
             raise ValueError(f'begins with {bytes(data[:4]).hex()}, expected plain CDR')
         try:
             return _Reading(self._fields, data, order).message(self._first)
-        except (struct.error, UnicodeDecodeError) as error:
+        except (struct.error, UnicodeDecodeError, RecursionError) as error:
             raise ValueError(f'cut short or damaged: {len(data)} bytes ({error})') from error
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from collections.abc import Mapping
 from collections.abc import Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,13 +76,33 @@ def messages(
                 for schema, channel, message in mcap_file.messages(stream, topics):
                     if schema is None or (types is not None and schema.name not in types):
                         continue
-                    if schema.id not in decoders:
-                        decoders[schema.id] = Decoder(schema.name, schema.data.decode('utf-8'))
+                    try:
+                        if schema.id not in decoders:
+                            decoders[schema.id] = Decoder(schema.name, schema.data.decode('utf-8'))
+                        content = decoders[schema.id].decode(message.data)
+                    except ValueError as error:
+                        raise ValueError(f'{channel.topic}: {error}') from error
                     yield Recorded(
                         channel.topic, schema.name, message.log_time, message.publish_time,
-                        decoders[schema.id].decode(message.data))
+                        content)
         except DAMAGED as error:
             raise ValueError(f'{file}: damaged, or not an MCAP file ({error!r:.200})') from error
+
+
+@contextmanager
+def known_fields(one: Recorded) -> Iterator[None]:
+    """Refuse a message whose type has the name of ours, and other fields, as it is used.
+
+    :raises ValueError: naming its topic and the field.
+    """
+    try:
+        yield
+    except (AttributeError, TypeError) as error:
+        what = (f'without field {error.name!r}' if isinstance(error, AttributeError)
+                and error.obj is one.message else f'with fields of other types ({error})')
+        raise ValueError(
+            f'{one.topic}: got a {one.type_name} {what}, expected the fields of that message'
+        ) from error
 
 
 def read(
@@ -108,16 +129,18 @@ def read(
     for one in messages(path, types=(WORLD, STATE)):
         space = one.topic.rpartition('/')[0]
         if one.type_name == WORLD:
-            outcomes[space] = tuple(one.message.outcomes)
+            with known_fields(one):
+                outcomes[space] = tuple(one.message.outcomes)
             continue
         if topic is None and found not in (None, one.topic):
             raise ValueError(f'topic: there are {found} and {one.topic}, expected one of them')
         if topic not in (None, one.topic):
             continue
         found = one.topic
-        samples = samples_of(one.message)
-        if one.message.session != session:
-            session = one.message.session
+        with known_fields(one):
+            samples, begun = samples_of(one.message), one.message.session
+        if begun != session:
+            session = begun
             unfinished += _finished(buffers)
             buffers = {}
         names = outcomes.get(space, ())

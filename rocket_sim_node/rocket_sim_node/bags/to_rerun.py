@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
+from typing import Any
 
+from rocket_sim_node import settings
 from rocket_sim_node.bags.metadata import read_metadata
 from rocket_sim_node.bags.reader import STATE
 from rocket_sim_node.bags.reader import TRAINING
 from rocket_sim_node.bags.reader import WORLD
+from rocket_sim_node.bags.reader import Recorded
+from rocket_sim_node.bags.reader import known_fields
 from rocket_sim_node.bags.reader import messages
 from rocket_sim_node.recording.drawing.training_plots import training_of
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.sinks.destinations import Note
+from rocket_sim_node.recording.sinks.destinations import check_suffix
 from rocket_sim_node.recording.sinks.file_sink import FileSink
 from rocket_sim_node.recording.sinks.rerun_program import ViewerError
 from rocket_sim_node.recording.trajectories import touchdown
 from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
+from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.telemetry.samples import samples_of
 
 _TICK = 1_000_000_000
@@ -35,9 +42,10 @@ def convert(
     :param selection: the flights wanted.
     :param namespace: of the simulator, such as /sim_0.
     :return: number of flights.
-    :raises ValueError: when it is no bag, or is damaged.
+    :raises ValueError: when it is no bag, or is damaged, or `output` does not end with .rrd.
     :raises OSError: when the recording cannot be written.
     """
+    check_suffix(output)
     space = namespace.rstrip('/')
     if bag.is_dir():  # before anything is written
         _check_space({
@@ -48,32 +56,44 @@ def convert(
     recorder = Recorder(
         selection, [FileSink(output.absolute(), note)], note, clock=lambda: now / 1e9,
         settle=touchdown.follow)
-    looked = 0
+    looked = ended = 0
     spaces: set[str] = set()
     try:
         for one in messages(bag, types=(WORLD, STATE, TRAINING)):
             now = one.received
-            if one.type_name == TRAINING:
-                recorder.training(training_of(one.message))
-            elif (found := one.topic.rpartition('/')[0]) != space:
-                if one.type_name == STATE:
-                    spaces.add(found)
-            else:
+            found = one.topic.rpartition('/')[0]
+            if one.type_name == STATE or found == space:
                 spaces.add(found)
-                try:
-                    if one.type_name == WORLD:
-                        recorder.world(_info(one.message))
-                    else:
-                        recorder.states(one.message.session, samples_of(one.message))
-                except (ValueError, ArithmeticError, LookupError) as error:
-                    note('WARN', f'{one.topic} ignored: {error}')
+            if one.type_name == TRAINING or found == space:
+                with known_fields(one):
+                    ended += _take(recorder, one, note)
             if now - looked >= _TICK:
                 looked = now
                 recorder.tick()
     finally:
         recorder.close()
     _check_space(spaces, space)
+    if ended > recorder.flights:
+        note('WARN', f'{ended - recorder.flights} flights are left out: of other rockets, while '
+                     'an agent learns, beyond the maximum of steps, or with missing steps')
     return recorder.flights
+
+
+def _take(recorder: Recorder, one: Recorded, note: Note) -> int:
+    """Pass a message on to a recorder; return the number of flights that end in it."""
+    if one.type_name == TRAINING:
+        recorder.training(training_of(one.message))
+        return 0
+    try:
+        if one.type_name == WORLD:
+            recorder.world(_info(one.message))
+            return 0
+        samples = samples_of(one.message)
+        recorder.states(one.message.session, samples)
+    except (ValueError, ArithmeticError, LookupError) as error:
+        note('WARN', f'{one.topic} ignored: {error}')
+        return 0
+    return int((samples.outcome != NO_OUTCOME).sum())
 
 
 def _check_space(spaces: set[str], space: str) -> None:
@@ -87,18 +107,17 @@ def _check_space(spaces: set[str], space: str) -> None:
             f'{", ".join(sorted(spaces))}')
 
 
-def _info(message: object) -> WorldInfo:
+def _info(message: Any) -> WorldInfo:
     """Return the properties of a world from its description.
 
     :raises ValueError: when the description is not valid.
     """
-    fields = vars(message)
-    dt, outcomes = float(fields['dt']), tuple(fields['outcomes'])
+    dt, outcomes = float(message.dt), tuple(message.outcomes)
     if not dt > 0.0 or not outcomes:
         raise ValueError(f'dt {dt}, outcomes {outcomes}: expected a time and names')
-    settings = {one.name: one.value for one in (*fields['settings'], *fields['replaced'])}
+    constants = {one.name: one.value for one in (*message.settings, *message.replaced)}
     return WorldInfo.build(
-        fields['world'], dt, outcomes, settings, tuple(fields['condition_names']))
+        message.world, dt, outcomes, constants, tuple(message.condition_names))
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -111,18 +130,27 @@ def main(argv: list[str] | None = None) -> int:
         'output', type=Path, nargs='?', help='the recording, .rrd; default: beside the bag')
     parser.add_argument(
         '--namespace', default='', help='namespace of the simulator, e.g. /sim_0 (default: none)')
-    parser.add_argument(
-        '--rows', type=int, nargs='+', default=(0, 1, 2, 3), help='numbers of the rockets to show')
+    infos = settings.describe(RecordingFilter)
+    for info in infos:
+        option = f'--{info.name.replace("_", "-")}'
+        if isinstance(info.default, bool):
+            parser.add_argument(option, action='store_true', help=info.description)
+        else:
+            parser.add_argument(
+                option, type=int, default=info.default, help=f'{info.description} (default: '
+                '%(default)s)', nargs='+' if isinstance(info.default, tuple) else None)
     given = parser.parse_args(argv)
-    bag = Path(given.bag)
-    output = Path(given.output or bag.with_name(f'{bag.name}.rrd'))
+    whole = Path(os.path.abspath(given.bag))  # `.` has no name
 
     def note(level: str, text: str) -> None:
         sys.stderr.write(f'{text}\n' if level == 'INFO' else f'{level}: {text}\n')
 
     try:
+        selection = settings.build(
+            RecordingFilter, {info.name: getattr(given, info.name) for info in infos})
         flights = convert(
-            bag, output, RecordingFilter(rows=tuple(given.rows)), note, given.namespace)
+            given.bag, given.output or whole.with_name(f'{whole.name}.rrd'), selection, note,
+            given.namespace)
     except (ValueError, OSError, ViewerError) as error:
         sys.stderr.write(f'to_rerun: {error}\n')
         return 2

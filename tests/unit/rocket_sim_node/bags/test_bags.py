@@ -16,6 +16,9 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TransformStamped
+from mcap.records import Channel
+from mcap.records import Message
+from mcap.records import Schema
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from rocket_msgs import msg
@@ -24,6 +27,7 @@ from support.recording.bags import flight_messages
 from support.recording.bags import serialized
 from support.recording.bags import topic_of
 from support.recording.bags import write
+from support.recording.bags import write_records
 from tf2_msgs.msg import TFMessage
 
 from rocket_sim_node.bags import bag_file
@@ -657,6 +661,77 @@ def test_a_namespace_without_states_is_refused_by_the_conversion(
     assert capsys.readouterr().err.splitlines()[-1] == (
         "to_rerun: namespace: got '', expected one of those with states in this bag: /sim_0")
     assert to_rerun([*arguments, '--namespace', '/sim_0']) == 0
+
+
+def test_flights_that_a_conversion_leaves_out_are_counted(
+    make_bag: Callable[..., BagFile], tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    bag = make_bag()
+    write(bag, [msg.TrainingStatus(run='run', stage='finetune', iteration=1)], at=900_000_000)
+    write(bag, flight_messages('rocket', 2, 900))
+    bag.close()
+    found = [flight for flight in read(tmp_path / 'bag') if flight.outcome]
+    first = [flight for flight in found if not flight.episode]
+    assert len(found) > len(first) == 2
+    assert to_rerun([str(tmp_path / 'bag')]) == 0
+    assert f'{len(found) - 2} flights are left out: ' in capsys.readouterr().err
+    assert len(recordings.trajectories(tmp_path / 'bag.rrd')) == 2
+    for options, count in (
+            (['--every-nth-episode', '1'], len(found)), (['--crashes'], len(found)),
+            (['--max-steps', '0'], 0)):
+        assert to_rerun([str(tmp_path / 'bag'), *options]) == 0
+        said = capsys.readouterr().err
+        assert said.endswith(f'\n{count} flights\n')
+        assert ('left out' in said) == (count < len(found))
+    assert to_rerun([str(tmp_path / 'bag'), '--every-nth-episode', '0']) == 2
+    assert 'every_nth_episode: got 0, expected 1 to' in capsys.readouterr().err
+
+
+def test_a_bag_is_converted_in_its_own_folder(
+    make_bag: Callable[..., BagFile], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    bag = make_bag()
+    write(bag, flight_messages('rocket', 1, 49))
+    bag.close()
+    monkeypatch.chdir(tmp_path / 'bag')
+    assert to_rerun(['.']) == 0
+    assert (tmp_path / 'bag.rrd').is_file()
+    assert to_rerun(['.', 'flights.txt']) == 2
+    assert "output: got 'flights.txt', expected a name that ends" in capsys.readouterr().err
+
+
+THEIRS = {
+    'World': ('string world', 'World: got a rocket_msgs/msg/World without field'),
+    'RocketState': ('uint64[] step', 'RocketState without field'),
+    'TrainingStatus': ('string run', 'TrainingStatus without field'),
+    'type': ('uint8 outcomes\nuint8 dt', 'World with fields of other types'),
+    'itself': ('World[] inner', 'rocket_msgs/World: inner is of type rocket_msgs/World, which'),
+    'each other': (f'Other one\n{"=" * 80}\nMSG: rocket_msgs/Other\nWorld two', ' contains '),
+    'deep': ('M0 m\n' + ''.join(
+        f'{"=" * 80}\nMSG: rocket_msgs/M{n}\nM{n + 1} m\n' for n in range(3_000))
+        + f'{"=" * 80}\nMSG: rocket_msgs/M3000\nuint8 m', 'damaged')}
+"""definitions of others, and the complaints about them"""
+
+
+@pytest.mark.parametrize('what', THEIRS)
+def test_messages_of_other_definitions_are_refused_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], what: str,
+) -> None:
+    text, complaint = THEIRS[what]
+    kind = what if what in ('RocketState', 'TrainingStatus') else 'World'
+    data = b'\x00\x01\x00\x00' + bytes(64)
+    path = write_records(tmp_path / 'it.mcap', [
+        Schema(data=text.encode(), encoding='ros2msg', id=1, name=f'rocket_msgs/msg/{kind}'),
+        Channel(id=1, topic=f'/{kind}', message_encoding='cdr', metadata={}, schema_id=1),
+        Message(channel_id=1, log_time=1, data=data, publish_time=1, sequence=0)])
+    assert to_rerun([str(path), str(tmp_path / 'it.rrd')]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert complaint in said and f'/{kind}: ' in said
+    assert len(said) < 500
+    if kind != 'TrainingStatus':
+        with pytest.raises(ValueError, match=re.escape(complaint)):
+            read(path)
 
 
 def test_times_and_topics_of_messages(make_bag: Callable[..., BagFile], tmp_path: Path) -> None:
