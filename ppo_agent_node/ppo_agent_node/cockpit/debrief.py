@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from dataclasses import replace
 
 from ppo_agent_node.cockpit.instruments import Brake
 from ppo_agent_node.cockpit.instruments import Readings
@@ -37,18 +38,25 @@ class Watch:
         self.hit = 0.0
         """m/s at the ground, had full throttle begun at that ignition."""
 
-    def see(self, time: float, readings: Readings, mass: float, throttle: float) -> None:
-        """Process a step."""
+    def see(
+        self, time: float, readings: Readings, mass: float, throttle: float,
+        dry_mass: float | None = None,
+    ) -> None:
+        """Process a step.
+
+        :param dry_mass: kg, of the flight's vehicle; by default that of the braking model.
+        """
+        brake = self._brake if dry_mass is None else replace(self._brake, dry_mass=dry_mass)
         speed = -readings.climb
         if self.last_chance is None:
             if speed <= 0 or readings.height <= 0:
                 return
-            if self._brake.height(speed, mass) <= readings.height:
+            if brake.height(speed, mass) <= readings.height:
                 return
             self.last_chance = time
         if self.lit is None and throttle > 0:
             self.lit = time
-            self.hit = self._brake.touchdown_speed(readings.height, speed, mass)
+            self.hit = brake.touchdown_speed(readings.height, speed, mass)
 
     def verdict(self) -> str:
         """Return a line on what was late; empty if nothing was."""

@@ -30,6 +30,7 @@ from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import NO_EPISODES
+from rocket_sim_node.worlds.rocket import conditions
 
 SESSION = 1
 FINITE_F32 = ANY_F32.filter(math.isfinite)
@@ -47,6 +48,7 @@ class Hands:
     def __init__(self, spec: WorldSpec) -> None:
         self.spec, self.said, self.heard = spec, list[str](), list[Any]()
         self.seen: list[Any] = []
+        self.lines: list[str] = []
         this: Any = self
         self.flying = HandFlying(
             this, this, this, Cockpit(Brake.of(spec)), KeyboardPilot(spec), EpisodeStart(1, 0), '')
@@ -99,7 +101,7 @@ class Hands:
         return []
 
     def draw(self, lines: list[str]) -> None:
-        pass
+        self.lines = lines
 
 
 def observations(spec: WorldSpec) -> st.SearchStrategy[list[Any]]:
@@ -150,6 +152,39 @@ def test_an_impossible_state_is_ignored_with_a_reason(
     assert hands.flying._tank == full
     assert len(hands.said) == 1
     assert f'state ignored: {said}' in hands.said[0]
+
+
+@pytest.mark.parametrize('chosen', [
+    {'conditions': 'harsh'}, {'conditions': 'mix'}, {'dry_mass_factor': 0.7, 'fuel_factor': 1.3},
+    {'dry_mass_factor': 1.2, 'fuel_factor': 0.5}])
+def test_the_state_of_a_drawn_vehicle_is_shown(chosen: dict[str, Any]) -> None:
+    """Its mass and fuel are outside those of the nominal vehicle."""
+    world = worlds.make('rocket', 1, **conditions.flatten(chosen))
+    hands = Hands(world.spec)
+    for seed in range(20):
+        seen = world.reset(seed)
+        drawn = dict(zip(conditions.DRAWN_NAMES, world.vehicles.drawn[:, 0], strict=True))
+        hands.fly([seen], [conversion.state_to_message(
+            np.zeros(1, np.uint64), world.telemetry(slice(None)), SESSION)])
+        tank = hands.flying._tank
+        assert tank.dry_mass == pytest.approx(22_000 * drawn['dry_mass_factor'])
+        assert tank.fuel == pytest.approx(2_000 * drawn['fuel_factor'])
+        assert tank.mass == pytest.approx(tank.dry_mass + tank.fuel)
+    assert not hands.said
+
+
+def test_a_light_rocket_can_brake_as_long_as_it_has_fuel() -> None:
+    """One of 0.8 times the nominal dry mass, in the debriefing and on the instruments."""
+    world = worlds.make('rocket', 1, dry_mass_factor_low=0.8, dry_mass_factor_high=0.8)
+    hands = Hands(world.spec)
+    falls = np.zeros((1, 15), np.float32)
+    falls[0, [4, 7, 13]] = -1.0, 1.0, -1.0  # downwards, upright, above the pad
+    message = conversion.state_to_message(
+        np.zeros(1, np.uint64), world.telemetry(slice(None)), SESSION)
+    hands.fly([falls] * 3, [message], lands=True)
+    assert hands.flying._tank.mass == pytest.approx(0.8 * 22_000 + 2_000)
+    assert hands.flying._flown[1].last_chance is None
+    assert not any('never' in line for line in hands.lines)
 
 
 @st.composite

@@ -31,6 +31,7 @@ from ppo_agent_node.cockpit.key_bindings import KeyboardCommands
 from ppo_agent_node.cockpit.raw_terminal import RawTerminal
 from ppo_agent_node.config.curriculum_config import level_setting
 from ppo_agent_node.pilots.keyboard import KeyboardPilot
+from rocket_sim_node import settings
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import samples_of
 from rocket_sim_node.wire.client.client import Client
@@ -43,6 +44,8 @@ from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.rocket import conditions
 
 _FRAME = 1 / 15
 """Seconds between screen updates in flight."""
@@ -91,8 +94,9 @@ class HandFlying:
         self._flights = Counter[str]()
         self._best = float('-inf')
         s = spec.settings
-        fuel = s.get('fuel', 0.0)
-        self._full = Tank(self._brake.dry_mass + fuel, fuel, fuel, 0.0, 0.0)
+        fuel, dry_mass = s.get('fuel', 0.0), self._brake.dry_mass
+        self._full = Tank(dry_mass + fuel, fuel, fuel, 0.0, 0.0, dry_mass)
+        self._dry_masses, self._most_fuel = _drawn_masses(spec, dry_mass, fuel)
         self._tank = self._full
         self._drawn = 0.0
         self._view = View(
@@ -198,7 +202,8 @@ class HandFlying:
                 return None
             # In lock-step the state arrives many steps at a time, and thus late.
             flown = self._tank.time if self._client.realtime else steps * self._spec.dt
-            watch.see(flown, readings, self._tank.mass, self._pilot.throttle(now))
+            tank = self._tank
+            watch.see(flown, readings, tank.mass, self._pilot.throttle(now), tank.dry_mass)
             if now - self._drawn > _FRAME:
                 self._take_errors()
                 self._draw(start)
@@ -260,12 +265,29 @@ class HandFlying:
         :param sample: `(D,)`; see :data:`FIELDS`.
         :raises ValueError: for impossible values of this vehicle, naming them.
         """
-        full = self._full
+        (lightest, heaviest), most = self._dry_masses, self._most_fuel
         seen = {}
         for name, low, high in (
-                ('mass', self._brake.dry_mass, full.mass), ('fuel', 0.0, full.fuel),
+                ('mass', lightest, heaviest + most), ('fuel', 0.0, most),
                 ('throttle', 0.0, 1.0), ('time', 0.0, math.inf)):
             seen[name] = value = float(sample[FIELDS[name].start])
             if not low <= value <= high:
                 raise ValueError(f'{name}: got {value:g}, expected {low:g} to {high:g}')
-        return Tank(full=full.full, **seen)
+        return Tank(
+            full=self._full.full, dry_mass=max(seen['mass'] - seen['fuel'], lightest), **seen)
+
+
+def _drawn_masses(
+    spec: WorldSpec, dry_mass: float, fuel: float,
+) -> tuple[tuple[float, float], float]:
+    """Return the range of the dry mass and the maximum of the fuel that episodes may draw, kg.
+
+    :param dry_mass: kg, nominal, like `fuel`.
+    :raises ValueError: when the end of a range of conditions is below its beginning.
+    """
+    if not set(conditions.FLAT_NAMES) <= set(spec.settings):
+        return (dry_mass, dry_mass), fuel
+    drawn = settings.build(conditions.ConditionSettings, {
+        name: spec.settings[name] for name in conditions.FLAT_NAMES})
+    lightest, heaviest = drawn.drawn_range('dry_mass_factor')
+    return (dry_mass * lightest, dry_mass * heaviest), fuel * drawn.drawn_range('fuel_factor')[1]

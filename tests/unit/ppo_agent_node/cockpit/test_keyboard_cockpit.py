@@ -22,7 +22,7 @@ def view(height: float, climb: float, throttle: float = 0.0, **others: object) -
     """Return what is shown in flight."""
     readings = Readings(height, climb, (3.0, -4.0), (-0.01, 0.0), (0.0, 0.0), 2.0)
     return View(
-        'title', 100.0, (3.0, 10.0, 15.0), readings, Tank(1.0, 500.0, 2000.0, throttle, 1.5),
+        'title', 100.0, (3.0, 10.0, 15.0), readings, Tank(1.0, 500.0, 2000.0, throttle, 1.5, 1.0),
         flying=True, **others)  # type: ignore[arg-type]
 
 
