@@ -6,7 +6,6 @@ Their names are also those of the ROS parameters, and the keys of presets and of
 """
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
@@ -85,7 +84,8 @@ class PPOConfig:
     start_copies: int = setting(
         1, '', 'number of rockets that fly each start, in roll-outs of one whole episode per '
         'rocket. The advantage is the return of an episode relative to those of its copies. '
-        'Reduced if num_envs is no multiple. 1: roll-outs of n_steps with a critic', 1, 4096)
+        'Reduced to the largest divisor of num_envs. 1: roll-outs of n_steps with a critic', 1,
+        4096)
     normalise_starts: bool = setting(
         True, '', "whether the advantages of a start's copies (start_copies) are divided by the "
         'standard deviation of their returns, so that all starts count alike')
@@ -265,8 +265,16 @@ def make_config(values: Mapping[str, object]) -> Config:
 
 
 def fit_copies(config: Config, num_envs: int) -> Config:
-    """Return the settings with copies of a start reduced to a divisor of a simulator's rockets."""
-    copies = math.gcd(config.ppo.start_copies, num_envs)
+    """Return the settings with copies of a start reduced to a divisor of a simulator's rockets.
+
+    :raises ValueError: when only 1 would be left, which is another algorithm.
+    """
+    most = config.ppo.start_copies
+    copies = max(count for count in range(1, most + 1) if not num_envs % count)
+    if copies == 1 < most:
+        raise ValueError(
+            f'num_envs: got {num_envs}, expected a multiple of a number from 2 to start_copies, '
+            f'{most}')
     return replace(config, ppo=replace(config.ppo, start_copies=copies))
 
 

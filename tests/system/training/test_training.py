@@ -144,6 +144,7 @@ def test_two_agents_in_one_run_folder(processes: Processes, tmp_path: Path) -> N
     first.wait_for('PPO 1/', 90.0)
     assert f'{run} holds no run to resume: a new one begins' in first.output()
     assert 'num_envs is 8; preset default of rocket was made with 256' in first.output()
+    assert 'start_copies is 8, not 16, which does not divide num_envs' in first.output()
     first.signal(signal.SIGSTOP)  # it trains here all the same
     second = agent(processes, run, iterations=2000, resume=True)
     assert second.wait(30.0) == 2, processes.logs()

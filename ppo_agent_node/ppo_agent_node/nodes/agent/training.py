@@ -16,6 +16,7 @@ from ppo_agent_node.config import presets
 from ppo_agent_node.config import training_config
 from ppo_agent_node.config.connection_config import simulators_setting
 from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.config.training_config import fit_copies
 from ppo_agent_node.distributed.errors import RankLost
 from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.distributed.rendezvous import joined
@@ -156,6 +157,10 @@ def _lead(
             terminal.say(
                 f'num_envs is {spec.num_envs}; preset {options.preset} of {spec.name} was made '
                 f'with {usual}')
+        asked = config.ppo.start_copies
+        if (copies := fit_copies(config, spec.num_envs).ppo.start_copies) != asked:
+            terminal.say(
+                f'start_copies is {copies}, not {asked}, which does not divide num_envs')
         result = Trainer(
             fleet, config, folder, publisher.report, stop_requested=stop_requested,
             say=terminal.say, loggers=loggers, ranks=ranks).run()

@@ -155,7 +155,7 @@ def test_a_training_depends_on_its_exploration_and_its_advantages(
     assert plain != other
 
 
-@pytest.mark.parametrize(('rockets', 'copies'), [(8, 4), (6, 2), (3, 1)])
+@pytest.mark.parametrize(('rockets', 'copies'), [(8, 4), (6, 3), (3, 3), (10, 2)])
 def test_as_many_copies_as_divide_the_rockets(
         tmp_path: Path, rockets: int, copies: int) -> None:
     config = load_preset('default', **{**SMALL, 'hidden_sizes': [4], **COPIES})
@@ -165,6 +165,22 @@ def test_as_many_copies_as_divide_the_rockets(
         'default', **{**SMALL, 'hidden_sizes': [4], 'demonstration_episodes': 0,
                       'iterations': 1, **COPIES}), run).run()
     assert run.read_config()['training']['start_copies'] == copies
+
+
+@pytest.mark.parametrize(('rockets', 'copies'), [(250, 10), (225, 15), (255, 15), (100, 10)])
+def test_copies_are_the_largest_divisor(rockets: int, copies: int) -> None:
+    assert fit_copies(load_preset('default'), rockets).ppo.start_copies == copies
+
+
+@pytest.mark.parametrize('rockets', [1, 17, 257])
+def test_copies_are_not_reduced_to_one(rockets: int) -> None:
+    """Without copies PPO has a critic, which is another algorithm."""
+    config = load_preset('default')
+    with pytest.raises(ValueError, match=(
+            rf'^num_envs: got {rockets}, expected a multiple of a number from 2 to start_copies, '
+            r'16$')):
+        fit_copies(config, rockets)
+    assert fit_copies(load_preset('default', start_copies=1), rockets).ppo.start_copies == 1
 
 
 def test_the_reverse_curriculum_and_copies_exclude_each_other() -> None:
