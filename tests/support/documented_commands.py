@@ -50,7 +50,7 @@ class Kind:
 TRAIN = (
     'num_envs:=8 demonstration_episodes:=8 dagger_rounds:=0 clone_epochs:=1 '
     'hidden_sizes:=[16,16] iterations:=1 n_steps:=32 batch_size:=256 selection_interval:=1 '
-    'selection_episodes:=8 evaluation_episodes:=8 critic_warmup_iterations:=1 threads:=1 '
+    'selection_episodes:=8 evaluation_episodes:=8 critic_warmup_iterations:=0 threads:=1 '
     'plots:=false record:=false')
 FLY = 'num_envs:=8 episodes:=8'
 EVALUATE = f'{FLY} optimum_sample:=0'

@@ -134,7 +134,8 @@ class PPOConfig:
         True, '', 'whether the advantages of a minibatch are normalised to mean 0 and standard '
         'deviation 1')
     critic_warmup_iterations: int = setting(
-        12, '', 'number of first iterations that train the critic only', 0, 1_000_000)
+        12, '', 'number of first iterations that train the critic only; fewer than iterations; '
+        'none with start_copies above 1, where there is no critic to train', 0, 1_000_000)
 
     @property
     def whole_episodes(self) -> bool:
@@ -242,6 +243,11 @@ def make_config(values: Mapping[str, object]) -> Config:
         raise ValueError(
             f'start_copies: got {config.ppo.start_copies}, expected 1 with '
             f'curriculum_start_reach {levels.curriculum_start_reach:g}')
+    warmup = config.ppo.critic_warmup_iterations
+    if 0 < config.ppo.iterations <= warmup and not config.ppo.whole_episodes:
+        raise ValueError(
+            f'critic_warmup_iterations: got {warmup}, expected less than iterations, '
+            f'{config.ppo.iterations}, or the policy would not learn')
     if levels.reach_is_fixed and (
             levels.curriculum_start_level < levels.curriculum_final_level):
         raise ValueError(

@@ -150,8 +150,8 @@ class Learner:
             self._evenly(batch, iteration, poll).to(self.device),
             random_streams.generator(self._seed, 'minibatches', iteration), rates,
             c.critic_learning_rate * part,
-            train_policy=iteration > c.critic_warmup_iterations,
-            train_critic=c.start_copies == 1, poll=poll,
+            train_policy=c.whole_episodes or iteration > c.critic_warmup_iterations,
+            train_critic=not c.whole_episodes, poll=poll,
             entropy_coefficient=self.entropy_coefficient(iteration))
         of_all = self._ranks.main.gather(astuple(diagnostics), poll)
         diagnostics = Diagnostics(*(

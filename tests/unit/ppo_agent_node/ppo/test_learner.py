@@ -173,6 +173,19 @@ def test_the_gpu_learns_the_same_but_for_rounding(world: str) -> None:
         assert torch.equal(tensor, found[name])
 
 
+@pytest.mark.parametrize(('copies', 'learns'), [
+    (1, 'critic.value.0.weight'), (2, 'policy.mean.0.weight')])
+def test_only_a_critic_that_learns_is_warmed_up(copies: int, learns: str) -> None:
+    """With copies of a start it does not learn, and the policy learns from the beginning."""
+    one = learner(start_copies=copies, critic_warmup_iterations=3)
+    before = one.tensors()
+    samples = batch(one)
+    one.improve(1, samples, lambda: None)
+    after = one.tensors()
+    assert [name for name in ('policy.mean.0.weight', 'critic.value.0.weight')
+            if not torch.equal(after[name], before[name])] == [learns]
+
+
 def test_a_device_that_is_unknown_or_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, 'is_available', lambda: False)
     with pytest.raises(ValueError, match="device: got 'cuda', but torch finds no GPU"):

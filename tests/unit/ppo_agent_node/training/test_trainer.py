@@ -130,7 +130,7 @@ def test_the_earlier_state_of_the_world_does_not_change_a_run(
 
 
 def test_another_seed_differs(straight: Path, tmp_path: Path) -> None:
-    train(copy_name(tmp_path), small(seed=2, iterations=1))
+    train(copy_name(tmp_path), small(seed=2, iterations=1, critic_warmup_iterations=0))
     policy = tensor_file.read(straight / 'policy.safetensors', 'policy').tensors
     other = tensor_file.read(copy_name(tmp_path) / 'policy.safetensors', 'policy').tensors
     assert not torch.equal(policy['mean.0.weight'], other['mean.0.weight'])
@@ -392,7 +392,7 @@ def test_free_memory_is_returned_while_learning_and_not_in_flight(
 
 def test_without_demonstrations_training_starts_from_scratch(tmp_path: Path) -> None:
     statuses: list[Status] = []
-    config = small(demonstration_episodes=0, iterations=1)
+    config = small(demonstration_episodes=0, iterations=1, critic_warmup_iterations=0)
     assert train(tmp_path / 'run', config, statuses=statuses).finished
     assert {s.stage for s in statuses} == {'finetune'}
     assert not any('scores' in line for line in RunFolder(tmp_path / 'run', resume=True).lines())
@@ -407,6 +407,8 @@ def test_settings_are_checked_by_name() -> None:
         ({'gama': 0.9}, "unknown setting 'gama'"), ({'gamma': 1.5}, 'gamma: got 1.5, expected 0'),
         ({'curriculum_start_level': 8}, 'curriculum_start_level: got 8'),
         ({'log_std_init': -6.0}, 'log_std_init: got -6.0'), ({'hidden_sizes': ()}, 'hidden_sizes'),
+        ({'iterations': 5, 'critic_warmup_iterations': 5},
+         'critic_warmup_iterations: got 5, expected less than iterations, 5'),
     ):
         with pytest.raises(ValueError, match=message):
             make_config(values)
