@@ -40,13 +40,13 @@ class NetworkConfig:
     activation: str = setting(
         'tanh', '', 'activation function after each hidden layer', choices=('tanh', 'relu'))
     fine_observations: str = setting(
-        'pad_y', '', 'names of observations that are compressed by asinh; names that the world '
-        'lacks are ignored')
+        'pad_y', '', 'names of observations that are compressed by asinh, separated by spaces or '
+        'commas; names that the world lacks are ignored')
     fine_width: float = setting(
         0.02, '', 'width around zero within which that compression is linear', 1e-9, 1e9)
     hidden_observations: str = setting(
-        '', '', 'names of observations that the critic sees and the policy does not; names that '
-        'the world lacks are ignored')
+        '', '', 'names of observations that the critic sees and the policy does not, separated '
+        'by spaces or commas; none that features use; names that the world lacks are ignored')
     features: str = setting(
         'none', '', 'additional inputs of actor and critic; descent: required deceleration, time '
         'to go, flare rate and guidance terms; guidance: also the predicted miss distance without '

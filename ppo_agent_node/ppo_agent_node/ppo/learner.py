@@ -23,6 +23,7 @@ from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.ppo import update
 from ppo_agent_node.ppo.networks.adam import FlatAdam
 from ppo_agent_node.ppo.networks.features import make_features
+from ppo_agent_node.ppo.networks.features import used_observations
 from ppo_agent_node.ppo.networks.mlp import Critic
 from ppo_agent_node.ppo.policies.factory import make_policy
 from ppo_agent_node.ppo.policies.factory import symmetry_of
@@ -64,15 +65,15 @@ class Learner:
 
         :param ranks: learners of the same run, which average their gradients.
         :raises ValueError: when the configured device is not available, for features that cannot
-            be computed from the world's observations, or for fine or hidden observations that
-            lack what a symmetry exchanges them with.
+            be computed from the world's observations, for fine or hidden observations that lack
+            what a symmetry exchanges them with, or for hidden ones that the features contain.
         """
         network, self._seed, self._ranks = config.network, config.run.seed, ranks
         self._ppo, self.device = config.ppo, find_device(config.run.device)
         symmetry = symmetry_of(spec, network)
 
         def places(setting: str) -> list[int]:
-            named = set(getattr(network, setting).split())
+            named = set(getattr(network, setting).replace(',', ' ').split())
             found = [i for i, name in enumerate(spec.observation_names) if name in named]
             if symmetry:
                 symmetry.check_closed(setting, found, spec.observation_names)
@@ -86,7 +87,12 @@ class Learner:
         for normaliser in (self.policy.normaliser, self.critic.normaliser):
             for place in places('fine_observations'):
                 normaliser.width[place] = network.fine_width
+        used = used_observations(network.features)
         for place in places('hidden_observations'):
+            if (name := spec.observation_names[place]) in used:
+                raise ValueError(
+                    f'hidden_observations: got {network.hidden_observations!r}, expected no '
+                    f'{name} with features: {network.features!r}, which are computed from it')
             self.policy.normaliser.hide(place)
         self._rate_factor = torch.ones((), dtype=torch.float64)
         """Factor of the actor's learning rate, see `_adapt_rate`."""

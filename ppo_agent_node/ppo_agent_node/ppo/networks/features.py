@@ -101,8 +101,8 @@ class DescentFeatures(nn.Module):
         missing = sorted(set(_NEEDED) - set(names))
         if missing:
             raise ValueError(
-                f"features: got 'descent', expected 'none' for a world that does not observe "
-                f'{", ".join(missing)}')
+                f"features: got {'guidance' if guidance else 'descent'!r}, expected 'none' for a "
+                f'world that does not observe {", ".join(missing)}')
         self.register_buffer(
             'columns', torch.tensor([names.index(name) for name in _DIRECT]), persistent=False)
         self.register_buffer(
@@ -151,6 +151,11 @@ class DescentFeatures(nn.Module):
 def feature_names(kind: str) -> tuple[str, ...]:
     """Return the names of the features of a kind, in their order."""
     return {'none': (), 'descent': _NAMES, 'guidance': _NAMES + _GUIDANCE_NAMES}[kind]
+
+
+def used_observations(kind: str) -> frozenset[str]:
+    """Return the names of the observations from which the features of a kind are computed."""
+    return frozenset(() if kind == 'none' else _NEEDED)
 
 
 def make_features(

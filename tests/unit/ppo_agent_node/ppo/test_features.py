@@ -73,6 +73,8 @@ def test_a_world_without_rockets_has_no_features() -> None:
     spec = worlds.make('lunar_lander').spec
     with pytest.raises(ValueError, match=r"features: got 'descent', expected 'none' .* pad_y"):
         make_features('descent', spec.observation_names, spec.settings)
+    with pytest.raises(ValueError, match=r"features: got 'guidance', expected 'none' .* pad_y"):
+        make_features('guidance', spec.observation_names, spec.settings)
     assert make_features('none', spec.observation_names, spec.settings) is None
 
 

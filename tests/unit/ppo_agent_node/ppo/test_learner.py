@@ -298,6 +298,27 @@ def test_hidden_observations_reach_the_critic_and_not_the_policy() -> None:
         assert set(names) - set(used) == hidden
 
 
+@pytest.mark.parametrize('text', [
+    'left_contact angle', 'left_contact,angle', ' left_contact , angle,', 'angle,,left_contact'])
+def test_names_of_observations_are_separated_by_spaces_or_commas(text: str) -> None:
+    one = learner(
+        world='lunar_lander', symmetry='none', hidden_observations=text, fine_observations=text)
+    names = worlds.make('lunar_lander').spec.observation_names
+    for chosen in (one.policy.normaliser.scale == 0, one.policy.normaliser.width > 0):
+        assert {name for name, is_it in zip(names, chosen.tolist(), strict=True) if is_it} == {
+            'left_contact', 'angle'}
+
+
+@pytest.mark.parametrize('kind', ['descent', 'guidance'])
+def test_an_observation_that_features_use_cannot_be_hidden(kind: str) -> None:
+    with pytest.raises(ValueError, match=(
+            "^hidden_observations: got 'up_y spin_x', expected no spin_x with features: "
+            f"'{kind}', which are computed from it$")):
+        learner(features=kind, hidden_observations='up_y spin_x')
+    learner(features=kind, hidden_observations='up_y')
+    learner(features='none', hidden_observations='up_y spin_x')
+
+
 def test_a_saved_policy_keeps_its_hidden_observations(tmp_path: Path) -> None:
     one = learner(world='lunar_lander', symmetry='none', hidden_observations='left_contact')
     spec = worlds.make('lunar_lander', num_envs=4).spec
