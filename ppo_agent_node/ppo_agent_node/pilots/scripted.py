@@ -5,6 +5,7 @@ from __future__ import annotations
 from ppo_agent_node.flying.pilot import Pilot
 from ppo_agent_node.pilots.estimator.estimator import ExpertEstimator
 from ppo_agent_node.pilots.expert.expert import ExpertPilot
+from ppo_agent_node.pilots.expert.expert import ExpertSettings
 from ppo_agent_node.pilots.expert.hoverslam import FLOOR
 from ppo_agent_node.pilots.expert.hoverslam import HoverslamPilot
 from ppo_agent_node.pilots.lunar_heuristic import LunarHeuristic
@@ -21,9 +22,13 @@ def rocket_pilot(spec: WorldSpec) -> type[ExpertPilot]:
 
 
 def for_vehicle(pilot: Pilot, spec: WorldSpec) -> Pilot:
-    """Return the pilot for a vehicle: replaces the expert by the one for its kind of engine."""
+    """Return the pilot for a vehicle: replaces the expert by the one for its kind of engine.
+
+    An expert with other gains than the default ones, such as tuned gains, is not replaced.
+    """
     kind = rocket_pilot(spec) if spec.continuous else ExpertPilot
-    return kind(spec) if type(pilot) is ExpertPilot and kind is not ExpertPilot else pilot
+    usual = type(pilot) is ExpertPilot and pilot.settings == ExpertSettings()
+    return kind(spec) if usual and kind is not ExpertPilot else pilot
 
 
 def scripted_pilot(spec: WorldSpec, **gains: float) -> Pilot:

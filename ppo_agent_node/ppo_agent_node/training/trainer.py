@@ -88,8 +88,10 @@ class Trainer:
                 f'num_groups: got {config.ppo.num_groups}, expected a multiple of the number of '
                 f'ranks, {ranks.count}')
         if config.demonstration.demonstration_episodes and expert is None:
+            levels = config.curriculum
             expert = scripted_teacher(
-                spec.after_reset(config.curriculum.task_settings(0)), config.demonstration)
+                spec.after_reset(levels.task_settings(0)), config.demonstration,
+                spec.after_reset(levels.wide_settings) if levels.curriculum_wide_level else None)
         self._expert = expert if config.demonstration.demonstration_episodes else None
         self._stop_criterion = StopCriterion(
             config.ppo.iterations, config.run.training_episodes, config.run.target_return)

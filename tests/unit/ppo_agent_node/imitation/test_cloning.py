@@ -25,6 +25,7 @@ from ppo_agent_node.imitation.demonstrations import spawn_settings
 from ppo_agent_node.imitation.demonstrations import steered
 from ppo_agent_node.imitation.demonstrations import touching
 from ppo_agent_node.pilots.expert.expert import ExpertPilot
+from ppo_agent_node.pilots.teacher import scripted_teacher
 from ppo_agent_node.ppo.policies.factory import CategoricalPolicy
 from ppo_agent_node.ppo.policies.factory import GaussianPolicy
 from ppo_agent_node.ppo.policies.factory import Policy
@@ -179,6 +180,15 @@ def test_the_teacher_is_the_expert_with_gains_from_the_settings() -> None:
     settings = ExpertPilot(worlds.make('rocket').spec, **gains).settings
     assert settings.flare_speed == 0.3
     assert set(gains) <= set(dataclasses.asdict(settings))
+
+
+@pytest.mark.parametrize(('gain', 'value', 'expected'), [
+    ('braking_share', 0.05, '0.1 to 1'), ('flare_rate', 0.25, '0.5 to 1000 1/s')])
+def test_a_gain_of_the_teacher_that_is_out_of_range_is_named(
+        gain: str, value: float, expected: str) -> None:
+    config = DemonstrationConfig(**{f'teacher_{gain}': value})
+    with pytest.raises(ValueError, match=f'^teacher_{gain}: got {value}, expected {expected}$'):
+        scripted_teacher(worlds.make('rocket').spec, config)
 
 
 def test_scattered_rockets_are_in_all_phases_of_their_episodes() -> None:

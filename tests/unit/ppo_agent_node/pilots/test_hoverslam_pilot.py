@@ -2,12 +2,14 @@
 """The pilot of an engine that cannot hover: its curve, its last steps, and that it lands."""
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from ppo_agent_node.config.imitation_config import DemonstrationConfig
+from ppo_agent_node.config.presets import load_preset
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.pilots.estimator.estimator import ExpertEstimator
@@ -18,7 +20,10 @@ from ppo_agent_node.pilots.expert.hoverslam import HoverslamPilot
 from ppo_agent_node.pilots.scripted import for_vehicle
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from ppo_agent_node.pilots.teacher import scripted_teacher
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import worlds
+from rocket_sim_node.worlds.jobs import SerialFleet
 from rocket_sim_node.worlds.rocket import conditions
 
 ROWS = 300
@@ -66,6 +71,23 @@ def test_the_pilot_is_chosen_for_engines_with_a_floor() -> None:
     assert isinstance(scripted_teacher(floored, config), HoverslamPilot)
     for pilot in (scripted_pilot(nominal), scripted_teacher(nominal, config)):
         assert type(pilot) is ExpertPilot
+
+
+@pytest.mark.parametrize(('plain', 'wide'), [('', 'hoverslam'), ('hoverslam', 'mix')])
+def test_demonstrations_by_another_pilot_at_the_wide_level_are_refused(
+        tmp_path: Path, plain: str, wide: str) -> None:
+    """One teacher labels the flights of both groups."""
+    def trainer(**changes: object) -> Trainer:
+        config = load_preset('default', 'rocket', **{
+            'conditions': plain, 'curriculum_wide_conditions': wide, **changes})
+        return Trainer(SerialFleet(worlds.make('rocket', 16)), config, RunFolder(
+            tmp_path / str(len(list(tmp_path.iterdir())))))
+
+    with pytest.raises(ValueError, match=r"^teacher: got '', expected the name of one pilot for"):
+        trainer()
+    trainer(teacher='hoverslam')
+    trainer(curriculum_wide_conditions=plain)
+    trainer(demonstration_episodes=0)
 
 
 def test_the_engine_lights_once_and_burns_at_the_floor_or_more() -> None:
@@ -157,3 +179,5 @@ def test_the_pilot_replaces_the_expert_for_engines_with_a_floor() -> None:
     assert type(for_vehicle(expert, floor)) is HoverslamPilot
     assert for_vehicle(expert, spec) is expert
     assert for_vehicle(estimator, floor) is estimator
+    tuned = ExpertPilot(spec, flare_rate=20.0)
+    assert for_vehicle(tuned, floor) is tuned
