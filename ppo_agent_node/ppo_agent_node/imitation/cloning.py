@@ -26,8 +26,8 @@ from ppo_agent_node.ppo.parallel import second_thread
 from ppo_agent_node.ppo.policies.factory import Policy
 
 
-class NothingLanded(ValueError):
-    """There are no demonstrations to clone."""
+class CloningFailed(ValueError):
+    """There is no clone: nothing landed, or no epoch had a finite loss."""
 
 
 @dataclass(frozen=True)
@@ -125,10 +125,11 @@ def clone(
     :param normalised: whether the observations are those of the policy's normaliser already. If
         not, it is fitted to them first, which would invalidate earlier training.
     :return: the lowest validation loss.
-    :raises NothingLanded: when there are no demonstrations.
+    :raises CloningFailed: when there are no demonstrations, or no epoch had a finite loss; the
+        policy is unchanged.
     """
     if not len(demonstrations.episode):
-        raise NothingLanded('demonstrations: none landed, nothing to clone')
+        raise CloningFailed('demonstrations: none landed, nothing to clone')
     training, validation = split_by_episode(
         demonstrations.episode, config.clone_validation_fraction,
         random_streams.generator(seed, 'clone split'))
@@ -187,6 +188,10 @@ def clone(
             report(CloneEpoch(epoch, training_loss, loss_now, rate, best_epoch == epoch))
             if epoch - best_epoch >= config.clone_patience:
                 break
+    if not best_epoch:
+        raise CloningFailed(
+            f'clone_learning_rate: got {config.clone_learning_rate:g}, expected one with which '
+            'cloning has a finite loss; the loss of each epoch was infinite or NaN')
     policy.load_state_dict(best_weights)
     return least
 

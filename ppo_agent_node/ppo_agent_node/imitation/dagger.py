@@ -67,7 +67,7 @@ class Imitation:
     def teach(self, policy: Policy) -> None:
         """Demonstrate and clone, then run the rounds of DAgger; the policy is the last clone.
 
-        :raises NothingLanded: when no demonstration landed.
+        :raises CloningFailed: when no demonstration landed, or no epoch had a finite loss.
         """
         config = self._config
         rounds = config.demonstration.dagger_rounds

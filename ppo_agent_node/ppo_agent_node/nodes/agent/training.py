@@ -22,7 +22,7 @@ from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.distributed.rendezvous import joined
 from ppo_agent_node.distributed.run_folder import open_folder
 from ppo_agent_node.evaluation import metrics
-from ppo_agent_node.imitation.cloning import NothingLanded
+from ppo_agent_node.imitation.cloning import CloningFailed
 from ppo_agent_node.nodes.agent.status_publisher import StatusPublisher
 from ppo_agent_node.nodes.flights.connection import ConnectionParameters
 from ppo_agent_node.nodes.flights.connection import agent_of_run
@@ -179,7 +179,7 @@ def _lead(
     except (WireTimeout, SimulatorBusy, EnvironmentRestarted, RankLost):
         publisher.advise(options.simulators, options.loggers)
         raise
-    except NothingLanded:
+    except CloningFailed:
         folder.mark_finished()  # a resumed run would have the same result
         raise
     except (ValueError, OSError):

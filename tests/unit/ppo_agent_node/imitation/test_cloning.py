@@ -17,6 +17,7 @@ from ppo_agent_node.config.imitation_config import DemonstrationConfig
 from ppo_agent_node.flying.episodes import Step
 from ppo_agent_node.flying.episodes import scatter
 from ppo_agent_node.imitation.cloning import CloneEpoch
+from ppo_agent_node.imitation.cloning import CloningFailed
 from ppo_agent_node.imitation.cloning import clone
 from ppo_agent_node.imitation.cloning import split_by_episode
 from ppo_agent_node.imitation.demonstrations import Demonstrations
@@ -172,6 +173,22 @@ def test_demonstrations_without_a_landing_are_refused() -> None:
     one = Demonstrations(torch.zeros(2, 15), torch.zeros(2, 3), torch.tensor([0, 0]))
     joined = Demonstrations.join([one, none, one])
     assert joined.episode.tolist() == [0, 0, 1, 1]
+
+
+@pytest.mark.parametrize('label', [torch.inf, torch.nan])
+def test_a_clone_without_a_finite_loss_is_refused(label: float) -> None:
+    policy = GaussianPolicy(15, 3, (4,), random_streams.generator(1, 'policy'))
+    before = {name: tensor.clone() for name, tensor in policy.state_dict().items()}
+    diverged = Demonstrations(
+        torch.randn(40, 15, generator=random_streams.generator(1, 'x')),
+        torch.full((40, 3), label), torch.arange(40) // 4)
+    epochs: list[CloneEpoch] = []
+    with pytest.raises(CloningFailed, match=(
+            r'^clone_learning_rate: got 0\.002, expected one with which cloning has a finite ')):
+        clone(policy, diverged, CloneConfig(clone_epochs=2), 1, epochs.append)
+    assert len(epochs) == 2
+    for name, tensor in policy.state_dict().items():
+        assert torch.equal(tensor, before[name]), name
 
 
 def test_the_teacher_is_the_expert_with_gains_from_the_settings() -> None:
