@@ -20,10 +20,9 @@ class DemonstrationConfig:
     """
 
     demonstration_episodes: int = setting(
-        512, '', 'number of episodes flown by the expert, and maximum number used in a round of '
-        'DAgger; with curriculum_wide_level, as many again from that level; 0: no demonstrations '
-        'and no cloning',
-        0, 1_000_000)
+        512, '', 'number of episodes flown by the expert, above num_envs rounded up to a multiple '
+        'of it, and maximum number used in a round of DAgger; with curriculum_wide_level, as many '
+        'again from that level; 0: no demonstrations and no cloning', 0, 1_000_000)
     demonstration_noise: float = setting(
         0.2, '', 'standard deviation of the noise added to the actions flown; the recorded '
         'actions have none; continuous actions only',

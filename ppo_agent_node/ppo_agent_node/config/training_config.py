@@ -110,8 +110,8 @@ class PPOConfig:
         0.99, '', 'lambda of generalised advantage estimation (GAE)', 0.0, 1.0)
     entropy_coefficient: float = setting(0.0, '', 'weight of the entropy bonus', 0.0, 100.0)
     entropy_coefficient_final: float = setting(
-        -1.0, '', 'weight of the entropy bonus at the end, reached linearly; -1: constant', -1.0,
-        100.0)
+        -1.0, '', 'final weight of the entropy bonus: approached linearly, it would be reached one '
+        'iteration after the last; -1: constant', -1.0, 100.0)
     max_grad_norm: float = setting(
         0.5, '', "maximum norm of each network's gradient", 1e-9, 1e9)
     actor_learning_rate: float = setting(
@@ -243,6 +243,9 @@ def make_config(values: Mapping[str, object]) -> Config:
         raise ValueError(
             f'start_copies: got {config.ppo.start_copies}, expected 1 with '
             f'curriculum_start_reach {levels.curriculum_start_reach:g}')
+    for name in ('gamma_first', 'entropy_coefficient_final'):
+        if -1 < (value := getattr(config.ppo, name)) < 0:
+            raise ValueError(f'{name}: got {value:g}, expected -1, or 0 or more')
     warmup = config.ppo.critic_warmup_iterations
     if 0 < config.ppo.iterations <= warmup and not config.ppo.whole_episodes:
         raise ValueError(
@@ -297,11 +300,20 @@ def check_world(config: Config, spec: WorldSpec) -> None:
     for name in ('conditions', 'curriculum_wide_conditions', 'curriculum_nominal_share'):
         if drawn := getattr(config.curriculum, name):
             conditions.check_world(spec, drawn, name)
+    if (drawn := config.curriculum.curriculum_wide_conditions) and (
+            not config.curriculum.curriculum_wide_level):
+        raise ValueError(
+            f"curriculum_wide_conditions: got {drawn!r}, expected '' with "
+            'curriculum_wide_level 0')
     seen = 'extended' if 'command_1_throttle' in spec.observation_names else 'standard'
     if 'observation' in spec.settings and config.curriculum.observation != seen:
         raise ValueError(
             f'observation: got {config.curriculum.observation!r}, but the simulator was started '
             f'with observation:={seen}; expected the same value for both')
+    if 'observation' not in spec.settings and config.curriculum.observation != 'standard':
+        raise ValueError(
+            f"observation: got {config.curriculum.observation!r}, expected 'standard', as world "
+            f'{spec.name!r} has no other')
     copies = config.ppo.start_copies
     if copies > 1 and 'spawn_copies' not in spec.settings:
         raise ValueError(

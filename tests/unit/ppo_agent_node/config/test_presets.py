@@ -133,6 +133,33 @@ def test_conditions_are_for_worlds_that_have_them(name: str) -> None:
     check_world(load_preset('default', 'rocket', **{name: 'harsh'}), worlds.make('rocket').spec)
 
 
+def test_conditions_of_a_wide_level_need_one() -> None:
+    world = worlds.make('rocket').spec
+    asked = load_preset(
+        'default', 'rocket', curriculum_wide_level=0, curriculum_wide_conditions='harsh')
+    with pytest.raises(ValueError, match=(
+            r"^curriculum_wide_conditions: got 'harsh', expected '' with curriculum_wide_level "
+            r'0$')):
+        check_world(asked, world)
+
+
+@pytest.mark.parametrize('name', ['gamma_first', 'entropy_coefficient_final'])
+def test_only_minus_one_leaves_a_schedule_unset(name: str) -> None:
+    for value in (-0.5, -1e-9, -0.999):
+        with pytest.raises(ValueError, match=(
+                f'^{name}: got {value:g}, expected -1, or 0 or more$')):
+            load_preset('default', 'rocket', **{name: value})
+    for value in (-1.0, -0.0, 0.0, 0.5):
+        load_preset('default', 'rocket', **{name: value})
+
+
+def test_only_rockets_have_an_extended_observation() -> None:
+    asked = load_preset('default', 'lunar_lander', observation='extended')
+    with pytest.raises(ValueError, match=(
+            r"^observation: got 'extended', expected 'standard', as world 'lunar_lander' has no ")):
+        check_world(asked, worlds.make('lunar_lander').spec)
+
+
 def test_the_nominal_share_applies_to_training_only() -> None:
     """Evaluation and selection fly the conditions as they are."""
     asked = load_preset(
