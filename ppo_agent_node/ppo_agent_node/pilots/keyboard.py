@@ -33,6 +33,8 @@ _BRAKE_SHARE = 0.67
 _LEANS = {False: 8.0, True: 17.0}
 """deg, of rockets and of the lander."""
 _NOTHING, _LEFT, _MAIN, _RIGHT = range(4)
+_LEAST_COMMAND = 1e-6
+"""Command at which the main engine of a lander with continuous actions fires at 50 %."""
 _TURN_WANTED, _TURN_NEEDED = 0.05, 0.15
 """Thresholds of the lander's attitude error: to fire a side engine; to pause the main engine."""
 
@@ -87,7 +89,7 @@ class KeyboardPilot:
         self._keys = HeldKeys(self.settings.repeat_delay, self.settings.repeat_gap)
         self._percent = 0
         self._owed = 0.0
-        """Accumulated throttle of the lander's main engine, which is only on or off."""
+        """Accumulated throttle of the lander's main engine, which has a minimum; see `_pulse`."""
 
     def reset(self) -> None:
         """Reset all keys to up and the engine to off, for a new flight."""
@@ -174,12 +176,9 @@ class KeyboardPilot:
     def _fly_lander(self, seen: F64, now: float) -> NDArray[Any]:
         """Return the lander's actions; its attitude law is that of Gymnasium's heuristic.
 
-        With discrete actions its engine is only on or off: a partial throttle becomes a fraction
-        of the steps.
-
         :param seen: `(N, 8)` observations.
         """
-        throttle, (x, _) = self.throttle(now), self.sideways(now)
+        power, (x, _) = self._pulse(self.throttle(now)), self.sideways(now)
         if self.settings.assist:
             standing = seen[:, 6:8].any(axis=1)
             turn = 0.5 * (-x * self._lean - seen[:, 4]) - seen[:, 5]
@@ -188,15 +187,24 @@ class KeyboardPilot:
             turn = np.full(len(seen), -float(x))
         flown: NDArray[Any]
         if self._spec.continuous:
-            main = np.full(len(seen), throttle if throttle > 0 else -1.0)
+            main = np.full(len(seen), max(2 * power - 1, _LEAST_COMMAND) if power else -1.0)
             flown = np.stack((main, np.clip(-20 * turn, -1.0, 1.0)), axis=1).astype(np.float32)
             return flown
-        self._owed = self._owed + throttle if throttle else 0.0
-        fire = self._owed >= 1.0 - 1e-9
-        if fire:
-            self._owed -= 1.0
         size = np.abs(turn)
         side = np.where(turn > 0, _LEFT, _RIGHT)
-        needed, otherwise = (_TURN_NEEDED, _MAIN) if fire else (_TURN_WANTED, _NOTHING)
+        needed, otherwise = (_TURN_NEEDED, _MAIN) if power else (_TURN_WANTED, _NOTHING)
         flown = np.where(size > needed, side, otherwise).astype(np.int64)
         return flown
+
+    def _pulse(self, throttle: float) -> float:
+        """Return the power, 0 to 1, at which the lander's main engine fires in this step.
+
+        The engine has a minimum: with discrete actions it is on or off, with continuous ones it
+        is off or fires at 50 % or more. A smaller throttle becomes a fraction of the steps.
+        """
+        power = max(throttle, 0.5) if self._spec.continuous else 1.0
+        self._owed = self._owed + throttle if throttle else 0.0
+        if self._owed < power - 1e-9:
+            return 0.0
+        self._owed -= power
+        return power

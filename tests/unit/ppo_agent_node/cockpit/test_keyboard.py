@@ -147,6 +147,24 @@ def test_lander_engines() -> None:
     assert max(np.diff(np.flatnonzero(fired))) == 4
 
 
+@pytest.mark.parametrize(('keys', 'throttle', 'off'), [
+    ('0', 0.0, 20), ('1', 0.1, 16), ('3', 0.3, 8), ('5', 0.5, 0), ('6', 0.6, 0), ('9', 0.9, 0),
+    ('z', 1.0, 0)])
+def test_a_continuous_lander_has_the_throttle_of_its_keys(
+        keys: str, throttle: float, off: int) -> None:
+    """The engine fires at 50 % or more, or in some of the steps."""
+    world = worlds.make('lunar_lander', 1, 1, continuous=True)
+    pilot = KeyboardPilot(world.spec, KeyboardSettings(assist=False))
+    press(pilot, keys)
+    fired = []
+    observation = world.observe()
+    for step in range(20):  # no flight ends earlier
+        observation = world.step(pilot.act(observation, 0.02 * step))[0]
+        fired.append(float(world.telemetry(np.array([0])).throttle[0]))
+    assert np.mean(fired) == pytest.approx(throttle, abs=1e-5)
+    assert fired.count(0.0) == off
+
+
 def test_left_pushes_the_lander_left_and_assist_rights_it() -> None:
     for continuous in (False, True):
         world = worlds.make('lunar_lander', 1, 1, continuous=continuous)
