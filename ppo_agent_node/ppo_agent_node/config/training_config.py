@@ -110,8 +110,8 @@ class PPOConfig:
         0.99, '', 'lambda of generalised advantage estimation (GAE)', 0.0, 1.0)
     entropy_coefficient: float = setting(0.0, '', 'weight of the entropy bonus', 0.0, 100.0)
     entropy_coefficient_final: float = setting(
-        -1.0, '', 'final weight of the entropy bonus: approached linearly, it would be reached one '
-        'iteration after the last; -1: constant', -1.0, 100.0)
+        -1.0, '', 'final weight of the entropy bonus: approached linearly, it would be reached '
+        'one iteration after the last; -1: constant', -1.0, 100.0)
     max_grad_norm: float = setting(
         0.5, '', "maximum norm of each network's gradient", 1e-9, 1e9)
     actor_learning_rate: float = setting(

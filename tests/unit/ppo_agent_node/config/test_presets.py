@@ -156,7 +156,7 @@ def test_only_minus_one_leaves_a_schedule_unset(name: str) -> None:
 def test_only_rockets_have_an_extended_observation() -> None:
     asked = load_preset('default', 'lunar_lander', observation='extended')
     with pytest.raises(ValueError, match=(
-            r"^observation: got 'extended', expected 'standard', as world 'lunar_lander' has no ")):
+            r"^observation: got 'extended', expected 'standard', as world 'lunar_lander' has ")):
         check_world(asked, worlds.make('lunar_lander').spec)
 
 
