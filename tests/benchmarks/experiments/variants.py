@@ -80,10 +80,10 @@ VARIANTS = (
 
 
 def recipe(variant: Variant, quick: bool = False) -> Recipe:
-    """Return the recipe of a variant."""
+    """Return the recipe of a variant; a quick one has too few iterations for a warm-up."""
     scale = {**SCALE, **(QUICK if quick else {})}
     kept = {name: value for name, value in variant.overrides.items()
-            if not quick or name != 'dagger_rounds'}
+            if not quick or name not in ('dagger_rounds', 'critic_warmup_iterations')}
     name = ''.join(letter if letter.isalnum() or letter in '.' else '-' for letter in variant.name)
     return Recipe(
         f'ingredients-{name}', 'default', {**scale, **kept}, QUICK_ROCKETS if quick else ROCKETS)
