@@ -84,8 +84,8 @@ class PPOConfig:
     start_copies: int = setting(
         1, '', 'number of rockets that fly each start, in roll-outs of one whole episode per '
         'rocket. The advantage is the return of an episode relative to those of its copies. '
-        'Reduced to the largest divisor of num_envs. 1: roll-outs of n_steps with a critic', 1,
-        4096)
+        'If it does not divide num_envs, the largest smaller number that does is used. 1: '
+        'roll-outs of n_steps with a critic', 1, 4096)
     normalise_starts: bool = setting(
         True, '', "whether the advantages of a start's copies (start_copies) are divided by the "
         'standard deviation of their returns, so that all starts count alike')
@@ -274,16 +274,9 @@ def make_config(values: Mapping[str, object]) -> Config:
 
 
 def fit_copies(config: Config, num_envs: int) -> Config:
-    """Return the settings with copies of a start reduced to a divisor of a simulator's rockets.
-
-    :raises ValueError: when only 1 would be left, which is another algorithm.
-    """
-    most = config.ppo.start_copies
-    copies = max(count for count in range(1, most + 1) if not num_envs % count)
-    if copies == 1 < most:
-        raise ValueError(
-            f'num_envs: got {num_envs}, expected a multiple of a number from 2 to start_copies, '
-            f'{most}')
+    """Return the settings with copies of a start reduced to a divisor of a simulator's rockets."""
+    copies = max(
+        count for count in range(1, config.ppo.start_copies + 1) if not num_envs % count)
     return replace(config, ppo=replace(config.ppo, start_copies=copies))
 
 

@@ -39,8 +39,8 @@ class CloneEpoch:
     clone_loss: float
     """Mean over the training samples, during the epoch."""
     clone_validation_loss: float
-    """Mean over the held-out samples, after the epoch; of one that was trained before, as in
-    rounds of DAgger, it is too low, as other episodes were held out then."""
+    """Mean over the held-out samples, after the epoch. In rounds of DAgger it is too low: the
+    policy has already learnt from most of these episodes."""
     learning_rate: float
     best: bool
     """Whether the validation loss is the lowest so far."""

@@ -21,7 +21,6 @@ def scripted_teacher(
         range, or when the wide world needs another pilot and the settings name none.
     """
     gains = config.teacher_gains()
-    kind = ROCKET_PILOTS[config.teacher] if config.teacher else rocket_pilot(spec)
     if spec.name == 'lunar_lander':
         if config.teacher:
             raise ValueError(
@@ -31,6 +30,7 @@ def scripted_teacher(
             raise ValueError(
                 f'teacher_{name}: got {value:g}, expected -1, as the pilot of lunar_lander has '
                 'no gains')
+    kind = ROCKET_PILOTS[config.teacher] if config.teacher else rocket_pilot(spec)
     try:
         settings_module.build(kind.settings_class, gains)
     except ValueError as error:

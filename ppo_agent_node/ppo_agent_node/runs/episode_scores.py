@@ -62,8 +62,8 @@ def figures(
 ) -> dict[str, Any]:
     """Return the values of a log line that summarise ended episodes.
 
-    :param copies: number of episodes with the same start. They end alike, so the interval of the
-        landing rate counts them as one.
+    :param copies: number of episodes with the same start. Their outcomes are correlated, so the
+        interval of the landing rate counts them as one; at worst it is too wide.
     """
     if not len(episodes):
         return {'episodes': 0}

@@ -117,7 +117,7 @@ class GroupWorlds:
 
         Those of the groups that fly `curriculum_wide_level` do not count. Whole episodes are
         equally old. By their ends, those that crash early would be the oldest and leave the window
-        of the curriculum. So they are ordered by copy and rocket.
+        of the curriculum. So they are ordered by copy and rocket, which does not depend on them.
         """
         wide, copies = self._config.curriculum.curriculum_wide_level, self._config.ppo.start_copies
         episodes = in_order(flown[::2] if wide else flown)

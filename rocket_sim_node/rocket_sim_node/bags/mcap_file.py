@@ -40,14 +40,17 @@ LARGEST_RECORD = 256 * 2**20
 """Maximum bytes of a record; of a chunk also when it is decompressed."""
 LARGEST_TOTAL = 64 * 2**30
 """Maximum bytes of all chunks when they are decompressed."""
-MOST_CUT = 4 * 2**20
-"""Bytes of a record that a kill cuts short, at most: chunks have one MiB and a message."""
+_MOST_CUT = 4 * 2**20
+"""Maximum bytes of a record, other than a chunk, that a kill cuts short."""
 MOST_WAITING = 2**30
 """Maximum bytes of memory for messages that wait for earlier ones."""
 _OVERHEAD = 400
 """Bytes of memory of a message without its content."""
 _HEAD = struct.Struct('<BQ')
 _CHUNK_HEAD = struct.Struct('<QQQ')
+_CHUNK_SIZES = struct.Struct('<QQQII')
+"""First fields of a chunk; the last one is the length of the name of its compression."""
+_SIZE = struct.Struct('<Q')
 _MESSAGE_HEAD = struct.Struct('<HIQQ')
 
 
@@ -143,9 +146,20 @@ def is_cut(stream: BinaryIO, place: int) -> bool:
     if left < _HEAD.size:
         return True
     stream.seek(place)
-    _, length = _HEAD.unpack(_exactly(stream, _HEAD.size))
-    # Larger ones are no records that were being written: their lengths are damaged.
-    return place > 0 and left <= MOST_CUT and left - _HEAD.size < length <= LARGEST_RECORD
+    opcode, length = _HEAD.unpack(_exactly(stream, _HEAD.size))
+    left -= _HEAD.size
+    if not (place > 0 and left < length <= LARGEST_RECORD):
+        return False
+    if opcode != Opcode.CHUNK:
+        return left <= _MOST_CUT
+    # The length may be what is damaged. A chunk tells it twice.
+    if left < _CHUNK_SIZES.size:
+        return True
+    *_, name = _CHUNK_SIZES.unpack(_exactly(stream, _CHUNK_SIZES.size))
+    if left < (head := _CHUNK_SIZES.size + name + _SIZE.size):
+        return True
+    stream.seek(name, os.SEEK_CUR)
+    return bool(length == head + _SIZE.unpack(_exactly(stream, _SIZE.size))[0])
 
 
 def unpacked(chunk: Chunk) -> Iterator[McapRecord]:

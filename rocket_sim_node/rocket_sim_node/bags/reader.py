@@ -89,18 +89,22 @@ def messages(
             raise ValueError(f'{file}: damaged, or not an MCAP file ({error!r:.200})') from error
 
 
+class UnknownFields(ValueError):
+    """A message has the name of one of our types, and other fields."""
+
+
 @contextmanager
 def known_fields(one: Recorded) -> Iterator[None]:
     """Refuse a message whose type has the name of ours, and other fields, as it is used.
 
-    :raises ValueError: naming its topic and the field.
+    :raises UnknownFields: naming its topic and the field.
     """
     try:
         yield
     except (AttributeError, TypeError) as error:
         what = (f'without field {error.name!r}' if isinstance(error, AttributeError)
                 and error.obj is one.message else f'with fields of other types ({error})')
-        raise ValueError(
+        raise UnknownFields(
             f'{one.topic}: got a {one.type_name} {what}, expected the fields of that message'
         ) from error
 

@@ -14,6 +14,7 @@ from rocket_sim_node.bags.reader import STATE
 from rocket_sim_node.bags.reader import TRAINING
 from rocket_sim_node.bags.reader import WORLD
 from rocket_sim_node.bags.reader import Recorded
+from rocket_sim_node.bags.reader import UnknownFields
 from rocket_sim_node.bags.reader import known_fields
 from rocket_sim_node.bags.reader import messages
 from rocket_sim_node.recording.drawing.training_plots import training_of
@@ -65,8 +66,7 @@ def convert(
             if one.type_name == STATE or found == space:
                 spaces.add(found)
             if one.type_name == TRAINING or found == space:
-                with known_fields(one):
-                    ended += _take(recorder, one, note)
+                ended += _take(recorder, one, note)
             if now - looked >= _TICK:
                 looked = now
                 recorder.tick()
@@ -82,14 +82,21 @@ def convert(
 def _take(recorder: Recorder, one: Recorded, note: Note) -> int:
     """Pass a message on to a recorder; return the number of flights that end in it."""
     if one.type_name == TRAINING:
-        recorder.training(training_of(one.message))
+        with known_fields(one):
+            training = training_of(one.message)
+        recorder.training(training)
         return 0
     try:
         if one.type_name == WORLD:
-            recorder.world(_info(one.message))
+            with known_fields(one):
+                info = _info(one.message)
+            recorder.world(info)
             return 0
-        samples = samples_of(one.message)
-        recorder.states(one.message.session, samples)
+        with known_fields(one):
+            samples, session = samples_of(one.message), one.message.session
+        recorder.states(session, samples)
+    except UnknownFields:
+        raise
     except (ValueError, ArithmeticError, LookupError) as error:
         note('WARN', f'{one.topic} ignored: {error}')
         return 0

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node `rerun_recorder`: records the states of a simulator and the training of an agent.
 
-No other node depends on it: it may start late, fall behind, die and be restarted.
+No other node depends on it: it may start late, fall behind, die and be restarted. The launch files
+end with it, because it ends by itself only if it cannot record.
 """
 from __future__ import annotations
 

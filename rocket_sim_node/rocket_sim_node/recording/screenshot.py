@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from rocket_sim_node import command_line
 from rocket_sim_node.recording.reader import RecordedTrajectory
@@ -77,23 +76,16 @@ def _settling(flight: RecordedTrajectory) -> float:
     return float(flight.summary.get('settled', 0) * flight.summary['dt'])
 
 
-def _check_output(output: str) -> None:
-    """Check that a picture can have this name.
-
-    :raises ValueError: when it cannot.
-    """
-    if Image.registered_extensions().get(Path(output).suffix.lower()) not in Image.SAVE:
-        raise ValueError(f'output: got {output!r}, expected a name that ends with .png')
-
-
 def take(picture: ScreenshotSettings) -> str:
     """Make an image; return the text to print.
 
-    :raises ValueError: when there is no such flight, time or tab, or no picture has such a name.
+    :raises ValueError: when there is no such flight, time or tab, or the picture's name does not
+        end with .png.
     :raises OSError: when the recording cannot be read, or the image cannot be written.
     :raises ViewerError: when the viewer cannot show it.
     """
-    _check_output(picture.output)
+    if Path(picture.output).suffix.lower() != '.png':
+        raise ValueError(f'output: got {picture.output!r}, expected a name that ends with .png')
     recording = Path(picture.recording)
     flights = trajectories(recording)
     if picture.tab != 'flight' and any(flight.pilot for flight in flights):

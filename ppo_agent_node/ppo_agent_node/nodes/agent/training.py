@@ -160,7 +160,8 @@ def _lead(
         asked = config.ppo.start_copies
         if (copies := fit_copies(config, spec.num_envs).ppo.start_copies) != asked:
             terminal.say(
-                f'start_copies is {copies}, not {asked}, which does not divide num_envs')
+                f'start_copies is {copies}, not {asked}, which does not divide num_envs'
+                + ('; PPO uses a critic instead' if copies == 1 else ''))
         result = Trainer(
             fleet, config, folder, publisher.report, stop_requested=stop_requested,
             say=terminal.say, loggers=loggers, ranks=ranks).run()

@@ -6,7 +6,6 @@ as it shows those of a bag or of a `foxglove_bridge`.
 """
 from __future__ import annotations
 
-import socket
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -24,7 +23,7 @@ from rclpy.serialization import serialize_message
 from rocket_sim_node.bags.definitions import definition
 from rocket_sim_node.nodes.bridge.topics import Outlet
 from rocket_sim_node.recording.sinks.destinations import check_page
-from rocket_sim_node.recording.sinks.destinations import page_address
+from rocket_sim_node.recording.sinks.destinations import far_host
 
 _BACKLOG = 100
 """Messages kept for a viewer that does not keep up; then the oldest are dropped."""
@@ -50,8 +49,7 @@ class FoxgloveServer:
                 message_backlog_size=_BACKLOG)
         except RuntimeError as error:  # taken since the check
             raise ValueError(f'foxglove_port: {port}: {error}') from None
-        far = socket.gethostname() if page_address(host).is_unspecified else host
-        self.url = f'ws://{far}:{port}'
+        self.url = f'ws://{far_host(host)}:{port}'
 
     def topic(self, kind: Any, topic: str, latched: bool) -> Outlet:
         """Offer a topic.

@@ -59,6 +59,11 @@ def page_address(host: str, name: str = 'web') -> ipaddress.IPv4Address:
             f'{name}_host: got {host!r}, expected an IPv4 address such as {LOCAL}') from None
 
 
+def far_host(host: str) -> str:
+    """Return the name or address by which other machines reach what is served at an address."""
+    return socket.gethostname() if page_address(host).is_unspecified else host
+
+
 def check_page(port: int, host: str, name: str = 'web') -> None:
     """Check that something can be served at a port of an address of this machine.
 

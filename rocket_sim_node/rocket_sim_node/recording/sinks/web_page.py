@@ -2,11 +2,11 @@
 """Web server for a recording, for browsers on this machine by default."""
 from __future__ import annotations
 
-import socket
 from urllib.parse import quote
 
 from rocket_sim_node.recording.sinks import rerun_program
 from rocket_sim_node.recording.sinks.destinations import check_page
+from rocket_sim_node.recording.sinks.destinations import far_host
 from rocket_sim_node.recording.sinks.destinations import page_address
 from rocket_sim_node.recording.sinks.rerun_program import LOCAL
 
@@ -32,7 +32,7 @@ class WebPage:
         address = page_address(host)
         check_page(port, host)
         near = LOCAL if address.is_unspecified else host
-        far = socket.gethostname() if address.is_unspecified else host
+        far = far_host(host)
         data = rerun_program.free_port()
         self.url = f'rerun+http://{near}:{data}/proxy'
         seen = quote(f'rerun+http://{far}:{data}/proxy', safe='')

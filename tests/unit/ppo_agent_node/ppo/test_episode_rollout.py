@@ -167,20 +167,10 @@ def test_as_many_copies_as_divide_the_rockets(
     assert run.read_config()['training']['start_copies'] == copies
 
 
-@pytest.mark.parametrize(('rockets', 'copies'), [(250, 10), (225, 15), (255, 15), (100, 10)])
+@pytest.mark.parametrize(('rockets', 'copies'), [
+    (250, 10), (225, 15), (255, 15), (100, 10), (257, 1), (1, 1)])
 def test_copies_are_the_largest_divisor(rockets: int, copies: int) -> None:
     assert fit_copies(load_preset('default'), rockets).ppo.start_copies == copies
-
-
-@pytest.mark.parametrize('rockets', [1, 17, 257])
-def test_copies_are_not_reduced_to_one(rockets: int) -> None:
-    """Without copies PPO has a critic, which is another algorithm."""
-    config = load_preset('default')
-    with pytest.raises(ValueError, match=(
-            rf'^num_envs: got {rockets}, expected a multiple of a number from 2 to start_copies, '
-            r'16$')):
-        fit_copies(config, rockets)
-    assert fit_copies(load_preset('default', start_copies=1), rockets).ppo.start_copies == 1
 
 
 def test_the_reverse_curriculum_and_copies_exclude_each_other() -> None:

@@ -76,7 +76,7 @@ def test_two_groups_of_episodes_have_the_samples_of_two_roll_outs() -> None:
         assert not torch.equal(*parts)
         assert torch.equal(getattr(found, name), torch.cat(parts))
     # Advantages have a common scale, so the groups' own ones differ from them by a factor each.
-    whole = found.advantage.split([one.steps for one in alone])
+    whole = found.advantage.split([len(one.advantage) for one in expected])
     for together, one in zip(whole, expected, strict=True):
         ratio = together[one.advantage != 0] / one.advantage[one.advantage != 0]
         assert len(ratio) > 100

@@ -379,7 +379,7 @@ def test_a_repair_that_cannot_read_the_bag_deletes_nothing(
         assert found.message_count == len(said)
 
 
-@pytest.mark.parametrize('what', ['content', 'length', 'everything'])
+@pytest.mark.parametrize('what', ['content', 'length', 'short length', 'everything'])
 def test_a_damaged_bag_of_a_killed_recorder_is_kept(
     make_bag: Callable[..., BagFile], tmp_path: Path, notes: Notes, what: str,
 ) -> None:
@@ -395,6 +395,8 @@ def test_a_damaged_bag_of_a_killed_recorder_is_kept(
     begin = {'everything': 0}.get(what, places[4])
     if what == 'length':
         data[begin + 5] = 1  # 4 GiB
+    elif what == 'short length':
+        data[begin + 3] ^= 1  # by 64 KiB
     else:
         data[begin + 60:begin + 70] = bytes(10)
         data[0] ^= what == 'everything'
