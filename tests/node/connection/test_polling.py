@@ -173,7 +173,7 @@ def test_serving_runs_what_is_due_and_then_ends(make_node: Callable[..., Any]) -
     served: list[Any] = []
     node.create_subscription(Empty, 'callbacks', served.append, 100)
     discovered(executor, publisher)
-    for due, most in ((0, 1), (3, 5), (16, 16)):
+    for due, most in ((0, 3), (3, 7), (16, 16)):
         served.clear()
         for _ in range(due):
             publisher.publish(Empty())
@@ -201,6 +201,19 @@ def test_serving_runs_what_callbacks_make_due(make_node: Callable[..., Any]) -> 
     time.sleep(0.5)
     polling._serve(executor)
     assert links == [0, 1, 2, 3]
+
+
+def test_serving_runs_a_due_timer(make_node: Callable[..., Any]) -> None:
+    node, executor = make_node()
+    served: list[None] = []
+    create_timer(node, 0.001, lambda: served.append(None))
+    missed = 0
+    for _ in range(100):
+        time.sleep(0.002)
+        served.clear()
+        polling._serve(executor)
+        missed += not served
+    assert missed < 20
 
 
 def discovered(executor: Any, publisher: Any) -> None:

@@ -41,6 +41,8 @@ from rocket_sim_node.wire.node.peer import sender_of
 
 _SERVED_AT_ONCE = 16
 """Maximum callbacks per run of the executor."""
+_IDLE = 3
+"""Number of spins without a callback after which a run of the executor ends."""
 
 
 @dataclass(frozen=True)
@@ -324,26 +326,24 @@ def _serve(executor: Executor) -> None:
     """Run the callbacks that are due, at most 16, and those that they make due.
 
     `spin_once` runs one and does not report whether there was any; an idle one takes 0.08 ms. An
-    `EventsExecutor` runs a task after all that was due when the task was created. When such a task
-    is the first to run, nothing else is due. Other executors run tasks first.
+    `EventsExecutor` runs a task after all that was due when the task was created, and looks for
+    due timers between tasks. So nothing is due any more when only such tasks have run for some
+    spins. Other executors run tasks first.
     """
     if isinstance(executor, SingleThreadedExecutor):
         for _ in range(_SERVED_AT_ONCE):
             executor.spin_once(timeout_sec=0.0)
         return
-    reached: list[bool] = []
-    alone = True
-    executor.create_task(reached.append, True)
+    reached = [True]
+    idle = 0
     for _ in range(_SERVED_AT_ONCE):
-        executor.spin_once(timeout_sec=0.0)
-        if not reached:
-            alone = False
-        elif alone:
-            break
-        else:
-            alone = True
+        if reached:
             reached.clear()
             executor.create_task(reached.append, True)
+        executor.spin_once(timeout_sec=0.0)
+        idle = idle + 1 if reached else 0
+        if idle == _IDLE:
+            break
 
 
 def _poll(polled: Sequence[ArraySubscription], seconds: float) -> list[ArraySubscription]:
