@@ -254,7 +254,9 @@ def test_a_simulator_built_from_another_definition_is_refused(
     """It does not matter how late the topic with the difference is discovered."""
     client = make_client()
     real = client.node.get_publishers_info_by_topic
-    assert client.waiter.until(lambda: bool(real(topic)), 10.0)
+    # The name of a publisher's node is discovered after the publisher.
+    assert client.waiter.until(
+        lambda: 'simulator' in {end.node_name for end in real(topic)}, 10.0)
     looks = 0
 
     def as_of_another_build(name: str, *more: bool) -> list[TopicEndpointInfo]:
