@@ -33,6 +33,7 @@ from rocket_sim_node.recording.sinks.destinations import RESERVE
 from rocket_sim_node.recording.sinks.destinations import Note
 from rocket_sim_node.recording.sinks.destinations import check_space
 from rocket_sim_node.recording.sinks.destinations import is_at
+from rocket_sim_node.recording.sinks.destinations import lock_error
 from rocket_sim_node.recording.sinks.destinations import numbered
 
 PARTIAL = '.partial'
@@ -116,9 +117,8 @@ class BagFile:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
                 os.close(lock)
-                reason = ('another recorder writes this bag' if isinstance(error, BlockingIOError)
-                          else f'cannot be locked: {error.strerror}')
-                raise OSError(error.errno, reason, str(self._partial)) from error
+                raise lock_error(
+                    error, 'another recorder writes this bag', self._partial) from error
             if is_at(lock, self._partial):
                 return lock
             os.close(lock)  # it was published at this moment

@@ -121,6 +121,15 @@ def is_at(file: int, path: Path) -> bool:
         return False
 
 
+def lock_error(error: OSError, taken: str, path: Path) -> OSError:
+    """Return the error of a file or folder that could not be locked.
+
+    :param taken: what it means that another process holds the lock.
+    """
+    reason = taken if isinstance(error, BlockingIOError) else f'cannot be locked: {error.strerror}'
+    return OSError(error.errno, reason, str(path))
+
+
 def check_space(folder: Path, needed: int = RESERVE) -> None:
     """Check that the disk of a folder has room.
 

@@ -22,6 +22,7 @@ from rocket_sim_node.recording.sinks.destinations import RESERVE
 from rocket_sim_node.recording.sinks.destinations import Note
 from rocket_sim_node.recording.sinks.destinations import check_space
 from rocket_sim_node.recording.sinks.destinations import is_at
+from rocket_sim_node.recording.sinks.destinations import lock_error
 from rocket_sim_node.recording.sinks.destinations import numbered
 from rocket_sim_node.recording.sinks.rewrite import add_contents
 from rocket_sim_node.recording.sinks.rewrite import is_empty
@@ -124,10 +125,8 @@ class FileSink:
                 _lock(lock)
             except OSError as error:
                 os.close(lock)
-                reason = ('another recorder is writing this file'
-                          if isinstance(error, BlockingIOError)
-                          else f'cannot be locked: {error.strerror}')
-                raise OSError(error.errno, reason, str(self._partial)) from error
+                raise lock_error(
+                    error, 'another recorder is writing this file', self._partial) from error
             if not is_at(lock, self._partial):  # it was published at this moment
                 os.close(lock)
             elif os.fstat(lock).st_nlink > 1:  # published by a process killed at this moment
