@@ -2,6 +2,7 @@
 """Roll-out buffer: experience of rockets over T steps, in preallocated memory."""
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import operator
@@ -16,9 +17,11 @@ from torch import Tensor
 from ppo_agent_node.ppo.gae import advantages_and_returns
 from ppo_agent_node.ppo.policies.factory import Policy
 from rocket_sim_node.worlds import Episodes
+from rocket_sim_node.worlds.jobs import Act
 from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import Restore
+from rocket_sim_node.worlds.jobs import Results
 from rocket_sim_node.worlds.jobs import Snapshot
 
 Ended = tuple[int, Episodes]
@@ -120,11 +123,9 @@ class Rollout:
         finals = self._finals[group]
         finals.clear()
         sample = policy.sampler(self.log_prob[:, columns], generator)
-        observation = yield begin
-        for step in range(len(self.reward)):
-            observations[step] = observation
-            actions[step] = action = sample(step, seen[step]).numpy()
-            observation, rewards[step], terminations[step], truncated, info = yield action
+
+        def record(step: int, results: Results) -> None:
+            rewards[step], terminations[step], truncated, info = results
             truncations[step] = truncated
             rows = info['final_rows']
             if len(rows):
@@ -134,6 +135,12 @@ class Rollout:
                     finals.append((
                         step, first + torch.tensor(rows[cut], dtype=torch.int64),
                         torch.tensor(info['final_observation'][cut])))
+
+        observation = yield begin
+        for step in range(len(self.reward)):
+            observations[step] = observation
+            actions[step] = action = sample(step, seen[step]).numpy()
+            observation = yield Act(action, functools.partial(record, step))
         self._last.numpy()[columns] = observation
         return finished, (yield Snapshot())
 

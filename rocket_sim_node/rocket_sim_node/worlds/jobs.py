@@ -23,12 +23,14 @@ from dataclasses import field
 from typing import Any
 from typing import Protocol
 from typing import TypeVar
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rocket_sim_node.errors import EnvironmentRestarted
 from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import Bools
 from rocket_sim_node.worlds.base import VectorEnv
 from rocket_sim_node.worlds.base import WorldSpec
 
@@ -57,7 +59,24 @@ class Snapshot:
     """Take a snapshot of the exact state; answered with bytes."""
 
 
-Command = Reset | Restore | Snapshot | NDArray[Any]
+Results = tuple[F32, Bools, Bools, dict[str, Any]]
+"""What an action led to: the return value of `VectorEnv.step` less the observation."""
+
+
+@dataclass(frozen=True)
+class Act:
+    """Take a step; answered with the observation `(N, D)` alone, the results follow.
+
+    Over DDS, the next action is sent before the results of this one are recorded, so that this
+    takes no time of its own. Another command must follow: it is sent when they have arrived.
+    """
+
+    action: NDArray[Any]
+    record: Callable[[Results], None]
+    """Called once with the results, before the next command is answered."""
+
+
+Command = Reset | Restore | Snapshot | Act | NDArray[Any]
 """The commands that a job may yield. An array is an action, answered as by `VectorEnv.step`."""
 Job = Generator[Command, Any, T]
 
@@ -128,7 +147,16 @@ class LastSnapshot:
 def no_command(found: object) -> TypeError:
     """Return the error for an object that is not a command."""
     return TypeError(
-        f'job: got {type(found).__name__}, expected Reset, Restore, Snapshot or an array')
+        f'job: got {type(found).__name__}, expected Reset, Restore, Snapshot, Act or an array')
+
+
+def check_last(command: Command) -> None:
+    """Check the last command of a job.
+
+    :raises TypeError: when it leaves results to be recorded.
+    """
+    if isinstance(command, Act):
+        raise TypeError('job: ended after Act, expected another command to follow it')
 
 
 def execute(env: VectorEnv, command: Command) -> Any:
@@ -138,6 +166,10 @@ def execute(env: VectorEnv, command: Command) -> Any:
     """
     if isinstance(command, np.ndarray):
         return env.step(command)
+    if isinstance(command, Act):
+        observation, *results = env.step(command.action)
+        command.record(cast(Results, tuple(results)))
+        return observation
     if isinstance(command, Reset):
         return env.reset(command.seed, **command.settings)
     if isinstance(command, Restore):
@@ -158,6 +190,7 @@ def fly(
     :raises EnvironmentRestarted: when the job's progress is lost.
     """
     last = last or LastSnapshot()
+    command: Command = Snapshot()
     answer: Any = None
     try:
         while True:
@@ -168,6 +201,7 @@ def fly(
                 answer = execute(env, command)
                 last.note(command, answer)
     except StopIteration as end:
+        check_last(command)
         result: T = end.value
         return result
     except BaseException:

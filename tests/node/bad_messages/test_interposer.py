@@ -2,6 +2,7 @@
 """Messages dropped, duplicated, delayed or reordered: no step is lost or taken twice."""
 from __future__ import annotations
 
+import functools
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +19,14 @@ from support.training.training_runs import assert_same_run
 from support.training.training_runs import train_in_process
 
 from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.wire.client.connection import ConnectionOptions
+from rocket_sim_node.wire.client.fleet import SimulatorFleet
 from rocket_sim_node.worlds import make
+from rocket_sim_node.worlds.jobs import Act
+from rocket_sim_node.worlds.jobs import Job
+from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import SerialFleet
+from rocket_sim_node.worlds.jobs import Snapshot
 
 N = 8
 SHARE = 0.04
@@ -63,6 +71,30 @@ def test_each_step_is_taken_once(
     tell(counts)
     print(f'{rounds * steps} steps, {client.resent} actions sent again')
     assert client.resent > 0
+
+
+def observed_first(seed: int, steps: int) -> Job[tuple[Any, ...]]:
+    """Fly on each observation, before its results arrive; return all answers and the end."""
+    found: list[Any] = [(yield Reset(seed))]
+    results: list[Any] = []
+    for action in np.random.default_rng(seed).uniform(-1, 1, (steps, N, 3)).astype(np.float32):
+        found.append((yield Act(action, lambda each: results.extend(each[:3]))))
+    end = yield Snapshot()
+    return np.concatenate(found + results, axis=None), end
+
+
+def test_each_step_is_taken_once_if_the_next_action_is_ready_early(
+        processes: Processes, make_node: Callable[..., Any]) -> None:
+    processes.fork_node('rocket_sim_node', 'simulator', interposer.FAR, num_envs=N)
+    fleet = SimulatorFleet(*make_node(), ConnectionOptions(0.02, 20.0), 1)
+    node, output = interposer.start(processes, 7, SHARE)
+    flights = [functools.partial(observed_first, seed, 250) for seed in (1, 2)]
+    for ours, theirs in zip(
+            fleet.fly(flights), SerialFleet(make('rocket', num_envs=N)).fly(flights), strict=True):
+        np.testing.assert_array_equal(ours[0], theirs[0])
+        assert ours[1] == theirs[1]
+    tell(interposer.stop(node, output))
+    fleet.close()
 
 
 @pytest.fixture(scope='module')

@@ -207,6 +207,30 @@ def test_any_answer_of_a_service_is_taken_or_refused(
         assert np.isfinite(taken).all()
 
 
+def test_the_observation_is_taken_before_the_results_arrive() -> None:
+    subscriptions, answers, _ = awaiting()
+
+    def post(topic: str) -> None:
+        subscriptions[topic].posted.append(
+            CODECS[topic].encode((SESSION, STEP + 1), answer(True)[topic]))
+
+    assert not answers.observed
+    post('reward')  # whichever comes first
+    assert not answers.observed
+    post('observation')
+    assert answers.observed
+    assert not answers.collect()
+    step, observation = answers.take_observation()
+    assert step == STEP + 1
+    np.testing.assert_array_equal(observation, answer(True)['observation'][0])
+    post('episodes')
+    assert answers.collect()
+    results = answers.take_results()
+    answers.await_step(SESSION, step)
+    np.testing.assert_array_equal(results()[3]['final_rows'], answer(True)['reward'][3])
+    assert not answers.observed
+
+
 def in_real_time(*posted: tuple[str, int, bool]) -> LatestAnswers:
     """Return the object that awaits an answer, after (topic, step, rockets ended) were sent."""
     subscriptions = {name: FakeSubscription(name) for name in CODECS}
@@ -252,6 +276,25 @@ def test_a_real_time_answer_is_the_newest_step_with_all_rewards_and_ends() -> No
     assert not answers.collect()
     assert answers.missing is not None
     assert answers.missing.topic == 'observation'  # the reward of step 12 is there
+
+
+def test_a_later_step_in_real_time_is_not_that_of_the_observation_taken() -> None:
+    answers = in_real_time(
+        ('observation', STEP + 2, False), ('reward', STEP + 1, False),
+        ('reward', STEP + 2, False))
+    assert answers.observed
+    step, _ = answers.take_observation()
+    assert step == STEP + 2
+    for subscription in answers._subscriptions[:2]:
+        topic = subscription.topic
+        subscription.posted.append(  # type: ignore[attr-defined]
+            CODECS[topic].encode((SESSION, STEP + 3), answer(False)[topic]))
+    assert answers.collect()
+    results = answers.take_results()
+    answers.await_step(SESSION, step)
+    np.testing.assert_allclose(results()[0], 2 * answer(False)['reward'][0], rtol=1e-6)
+    assert answers.collect()
+    assert answers.take()[0] == STEP + 3
 
 
 @given(st.lists(st.tuples(

@@ -24,9 +24,11 @@ from rocket_sim_node.wire.node.polling import MessageSubscription
 from rocket_sim_node.wire.node.polling import PolledClient
 from rocket_sim_node.wire.node.waiting import WireTimeout
 from rocket_sim_node.worlds import make
+from rocket_sim_node.worlds.jobs import Act
 from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import Restore
+from rocket_sim_node.worlds.jobs import Results
 from rocket_sim_node.worlds.jobs import SerialFleet
 from rocket_sim_node.worlds.jobs import Snapshot
 
@@ -56,13 +58,25 @@ def actions(seed: int) -> np.ndarray:
 
 
 def fall(seed: int) -> Job[tuple[np.ndarray, float, bytes]]:
-    """Fly random actions; return all observations, the sum of rewards and the end."""
-    seen, total = [(yield Reset(seed, {'level': 7}))], 0.0
-    for action in actions(seed):
-        observation, reward, _, _, _ = yield action
+    """Fly random actions; return all observations, the sum of rewards and the end.
+
+    Some steps are answered as a whole, others by the observation first.
+    """
+    seen, rewards = [(yield Reset(seed, {'level': 7}))], list[float]()
+
+    def record(results: Results) -> None:
+        rewards.append(float(results[0].sum()))
+
+    for number, action in enumerate(actions(seed)):
+        if number % 4:
+            observation = yield Act(action, record)
+        else:
+            observation, *results = yield action
+            record(results)
         seen.append(observation)
-        total += float(reward.sum())
-    return np.stack(seen), total, (yield Snapshot())
+    end = yield Snapshot()
+    assert len(rewards) == STEPS
+    return np.stack(seen), sum(rewards), end
 
 
 def go_on(state: bytes, seed: int) -> Job[np.ndarray]:

@@ -2,6 +2,7 @@
 """Assembly and validation of a step's answer from the topics it arrives on."""
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from collections.abc import Sequence
 from typing import Any
@@ -16,6 +17,7 @@ from rocket_sim_node.worlds.base import NO_EPISODES
 from rocket_sim_node.worlds.base import Bools
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.jobs import Results
 
 Step = tuple[F32, F32, Bools, Bools, dict[str, Any]]
 """The return value of `VectorEnv.step`."""
@@ -55,10 +57,15 @@ class Answers:
         self._observation = self._reward = self._episodes = None
 
     @property
+    def observed(self) -> bool:
+        """Whether the observation has arrived, of the messages that have."""
+        return self.collect() or self._observation is not None
+
+    @property
     def missing(self) -> ArraySubscription | None:
         """The subscription of the next missing part; None when the answer is complete.
 
-        The simulator sends the observation last, so once it is here the rest usually is too.
+        In the order in which the simulator sends them.
         """
         observation, reward, episodes = self._subscriptions
         if self._observation is None:
@@ -118,15 +125,27 @@ class Answers:
 
         :raises ValueError: naming topic, field, actual and expected value.
         """
-        spec, reward, observed = self._spec, self._reward, self._observation
-        assert spec is not None and reward is not None and observed is not None
-        observation = observation_of('observation: data', observed.data, spec)
-        result = self._result(reward, self._episodes)
-        self._observation = self._reward = self._episodes = None
-        return reward.step, (observation, *result)
+        step, observation = self.take_observation()
+        return step, (observation, *self.take_results()())
 
-    def _result(self, reward: Any, ended: Any) -> tuple[F32, Bools, Bools, dict[str, Any]]:
-        """Return what an action led to: the return value of `VectorEnv.step` less the observation.
+    def take_observation(self) -> tuple[int, F32]:
+        """Return the step reached and its observation, once that has arrived.
+
+        :raises ValueError: naming topic, field, actual and expected value.
+        """
+        spec, observed = self._spec, self._observation
+        assert spec is not None and observed is not None
+        return observed.step, observation_of('observation: data', observed.data, spec)
+
+    def take_results(self) -> Callable[[], Results]:
+        """Return a function that checks and returns the results of a complete answer."""
+        assert self._reward is not None
+        found = functools.partial(self._results, self._reward, self._episodes)
+        self._observation = self._reward = self._episodes = None
+        return found
+
+    def _results(self, reward: Any, ended: Any) -> Results:
+        """Return what an action led to.
 
         :param ended: the message of finished episodes, None if there was none.
         :raises ValueError: naming topic, field, actual and expected value.

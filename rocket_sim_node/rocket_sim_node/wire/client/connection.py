@@ -38,6 +38,7 @@ from rocket_sim_node.wire.node.steady_clock import STEADY
 from rocket_sim_node.wire.node.waiting import Silence
 from rocket_sim_node.worlds.actions import commanded
 from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.jobs import Act
 from rocket_sim_node.worlds.jobs import Command
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import Restore
@@ -111,6 +112,8 @@ class Connection:
         self._action = Codec(msg.Action)
         self._message = b''
         self._command: Command | None = None
+        self._acted: Act | None = None
+        """The step that was answered, and whose results are not recorded."""
         self._answer: Any = None
         self._silence: Silence | None = None
         self._call: ServiceCall | None = None
@@ -277,13 +280,19 @@ class Connection:
     @property
     def awaited(self) -> ArraySubscription | None:
         """The subscription for the next part of a step's answer; None when no step is pending."""
-        return self._answers.missing if isinstance(self._command, np.ndarray) else None
+        return self._answers.missing if self._steps else None
 
     @property
     def arrived(self) -> bool:
-        """Whether the complete answer of a step has arrived."""
-        return isinstance(self._command, np.ndarray) and self._answers.collect()
+        """Whether the awaited parts of a step's answer have arrived."""
+        if self._acted is None and isinstance(self._command, Act):
+            return self._answers.observed
+        return self._steps and self._answers.collect()
 
+    @property
+    def _steps(self) -> bool:
+        """Whether a step's answer is awaited, or the rest of it before a command is sent."""
+        return isinstance(self._command, Act | np.ndarray) or self._acted is not None
     @property
     def entities(self) -> dict[str, list[Any]]:
         """The node's entities that deliver the answer of a service."""
@@ -296,16 +305,32 @@ class Connection:
         return now - self._asked if self._command is not None else 0.0
 
     def ask(self, command: Command) -> None:
-        """Send a command to the simulator.
+        """Send a command to the simulator, once the results of the last step have arrived.
 
-        :raises ValueError: for invalid actions; nothing was sent.
+        Then they are recorded, while the simulator works.
+
+        :raises ValueError: for invalid actions; nothing was sent. For invalid results, which
+            nothing was learned from.
         """
+        acted = self._acted
+        if acted is None:
+            self._send(command)
+        elif self._answers.collect():
+            results = self._answers.take_results()
+            self._send(command)
+            self._acted = None
+            acted.record(results())
+        else:
+            self._command = command
+
+    def _send(self, command: Command) -> None:
         now = self._asked = time.monotonic()
         self._answer = None
         if isinstance(command, Reset | Restore):
             self._flying = False
-        if isinstance(command, np.ndarray):
-            action = commanded(self.spec, command)
+        if isinstance(command, Act | np.ndarray):
+            action = commanded(
+                self.spec, command.action if isinstance(command, Act) else command)
             self._message = self._action.encode(
                 (self.session, self.step, self.agent),
                 (action, _NONE) if self.spec.continuous else (_NONE, action))
@@ -329,7 +354,11 @@ class Connection:
         :raises ValueError: when the simulator refuses the command, or the answer is invalid.
         """
         command = self._command
-        if isinstance(command, np.ndarray):
+        if self._acted is not None:
+            if command is not None and self._poll_step():
+                self.ask(command)
+            return False
+        if self._steps:
             return self._poll_step()
         if self._described_by:
             return self._poll_description()
@@ -338,10 +367,15 @@ class Connection:
     def take(self) -> Any:
         """Return the answer in the form that the job expects."""
         command, self._command = self._command, None
-        self._silence = self._call = None
-        if isinstance(command, np.ndarray):
+        self._call = None
+        if isinstance(command, Act | np.ndarray):
             self._spoke = self.heard = time.monotonic()
-            self.step, answer = self._answers.take()
+            if isinstance(command, Act):
+                self.step, observation = self._answers.take_observation()
+                self._acted = command
+                answer: Any = observation
+            else:
+                self.step, answer = self._answers.take()
             self._flying, self._lost = True, False
             self._descriptions.expose()
             return answer
@@ -355,7 +389,7 @@ class Connection:
 
     def drop(self) -> None:
         """Discard the pending command."""
-        self._command = self._call = self._silence = None
+        self._command = self._call = self._silence = self._acted = None
         self._described_by = 0.0
 
     def listen(self) -> None:
@@ -373,7 +407,7 @@ class Connection:
     # Steps
 
     def _poll_step(self) -> bool:
-        if self._answers.collect():
+        if self.arrived:
             self._compare_late()
             return True
         now = time.monotonic()
@@ -418,7 +452,8 @@ class Connection:
         action would be applied again, so none is sent and the watchdog cuts the engine.
         """
         now = time.monotonic()
-        if isinstance(self._command, np.ndarray) or self.realtime or not self._flying:
+        if (isinstance(self._command, Act | np.ndarray) or self.realtime
+                or not self._flying):
             return  # the pending step is re-sent anyway
         if now - self._spoke > _KEEP_PERIOD:
             self._spoke = now

@@ -37,6 +37,7 @@ from rocket_sim_node.worlds.base import WorldSpec
 from rocket_sim_node.worlds.jobs import MAX_ATTEMPTS
 from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Restore
+from rocket_sim_node.worlds.jobs import check_last
 
 T = TypeVar('T')
 _OTHER = (WorldChanged, DefinitionsDiffer)
@@ -217,6 +218,7 @@ class SimulatorFleet:
                 task.command = task.flight.send(answer)
                 answer = worker.last_snapshot.answer(task.command)
         except StopIteration as end:
+            check_last(task.command)
             results[task.number] = end.value
             worker.task = None
             return

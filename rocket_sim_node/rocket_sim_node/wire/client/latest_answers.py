@@ -6,6 +6,7 @@ always a few steps late.
 """
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from collections.abc import Sequence
 from typing import Any
@@ -13,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from rocket_sim_node.wire.client.answers import Answers
-from rocket_sim_node.wire.client.answers import Step
 from rocket_sim_node.wire.client.answers import observation_of
 from rocket_sim_node.wire.node.polling import ArraySubscription
+from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import Episodes
+from rocket_sim_node.worlds.jobs import Results
 
 _KEPT = 16
 """Messages kept of each topic, regardless of the sender."""
@@ -40,12 +42,15 @@ class LatestAnswers(Answers):
         self._kept: tuple[dict[int, Any], ...] = ({}, {}, {})
         self._newest = 0
         """Newest complete step; 0 before there is one."""
+        self._observed = False
+        """Whether the observation of that step was taken, so that its results are next."""
 
     def await_step(self, session: int, step: int) -> None:
         """Start to wait for the answer to this session and step, or to any later step."""
         if session != self._session:
             self._kept = ({}, {}, {})
         self._session, self._step, self._newest = session, step, 0
+        self._observed = False
         for kept in self._kept:
             for past in [number for number in kept if number <= step]:
                 del kept[past]
@@ -64,6 +69,8 @@ class LatestAnswers(Answers):
 
     def collect(self) -> bool:
         """Read the messages that have arrived; return whether a step is complete."""
+        if self._observed:
+            return True
         for subscription, kept in zip(self._subscriptions, self._kept, strict=True):
             while (message := self._next(subscription)) is not None:
                 if message.session == self._session and message.step > self._step:
@@ -76,26 +83,44 @@ class LatestAnswers(Answers):
             and (step in episodes or not len(rewards[step].final_rows))), default=0)
         return self._newest > 0
 
-    def take(self) -> tuple[int, Step]:
-        """Return the newest step and the return value of `VectorEnv.step` over all skipped steps.
+    @property
+    def observed(self) -> bool:
+        """Whether a step is complete: only then is it known which step is the newest."""
+        return self.collect()
+
+    def take_observation(self) -> tuple[int, F32]:
+        """Return the newest complete step and its observation.
 
         :raises ValueError: naming topic, field, actual and expected value.
         """
         spec, newest = self._spec, self._newest
         assert spec is not None and newest
-        observations, rewards, episodes = self._kept
-        observation = observation_of('observation: data', observations[newest].data, spec)
-        reward, terminated, truncated, infos = zip(*(
-            self._result(rewards[step], episodes.get(step))
-            for step in sorted(rewards) if step <= newest), strict=True)
-        if len(infos) == 1:
-            return newest, (observation, reward[0], terminated[0], truncated[0], infos[0])
+        self._observed = True
+        return newest, observation_of(
+            'observation: data', self._kept[0][newest].data, spec)
+
+    def take_results(self) -> Callable[[], Results]:
+        """Return a function that checks and returns the results of that and all skipped steps."""
+        _, rewards, episodes = self._kept
+        return functools.partial(self._sum, [
+            (rewards[step], episodes.get(step))
+            for step in sorted(rewards) if step <= self._newest])
+
+    def _sum(self, messages: Sequence[tuple[Any, Any]]) -> Results:
+        """Return the results of several steps as those of one.
+
+        :raises ValueError: naming topic, field, actual and expected value.
+        """
+        found = [self._results(*pair) for pair in messages]
+        if len(found) == 1:
+            return found[0]
+        reward, terminated, truncated, infos = zip(*found, strict=True)
         # Newest first, because the first of equal rows is used.
         rows, last = np.unique(
             np.concatenate([info['final_rows'] for info in infos[::-1]]), return_index=True)
         final = np.concatenate([info['final_observation'] for info in infos[::-1]])[last]
-        return newest, (
-            observation, np.sum(reward, axis=0, dtype=np.float32),
+        return (
+            np.sum(reward, axis=0, dtype=np.float32),
             np.logical_or.reduce(terminated), np.logical_or.reduce(truncated),
             {'final_rows': rows, 'final_observation': final,
              'episodes': Episodes.concatenate([info['episodes'] for info in infos])})

@@ -47,15 +47,15 @@ class ResultPublisher:
         numbers = (session, step)
         episodes: Episodes = info['episodes']
         arrays: dict[str, Sequence[NDArray[Any]]] = {
+            'observation': (observation,),
             'reward': (reward, terminated, truncated, info['final_rows'],
-                       info['final_observation']),
-            'observation': (observation,)}
+                       info['final_observation'])}
         if len(episodes):
-            arrays = {'episodes': conversion.episode_arrays(episodes), **arrays}
+            arrays['episodes'] = conversion.episode_arrays(episodes)
         self._messages = {
             topic: self._codecs[topic].encode(numbers, found) for topic, found in arrays.items()}
 
     def publish(self) -> None:
-        """Publish the stored messages, the observation last: it completes the answer."""
+        """Publish the stored messages, the observation first: the agent acts on it."""
         for topic, message in self._messages.items():
             self._publishers[topic].publish(message)

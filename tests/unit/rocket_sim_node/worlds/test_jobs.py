@@ -13,9 +13,11 @@ from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.jobs import MAX_ATTEMPTS
+from rocket_sim_node.worlds.jobs import Act
 from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import Restore
+from rocket_sim_node.worlds.jobs import Results
 from rocket_sim_node.worlds.jobs import SerialFleet
 from rocket_sim_node.worlds.jobs import Snapshot
 from rocket_sim_node.worlds.jobs import fly
@@ -115,5 +117,36 @@ def test_an_invalid_command_is_refused() -> None:
         yield Reset(1)
         yield [[0.0, 0.0, 0.0]] * 2  # type: ignore[misc]
 
-    with pytest.raises(TypeError, match='got list, expected Reset, Restore, Snapshot or an array'):
+    with pytest.raises(TypeError, match='got list, expected Reset, Restore, Snapshot, Act'):
         fly(make('rocket', num_envs=2), astray())
+
+
+def test_results_are_recorded_before_the_next_answer() -> None:
+    recorded: list[Results] = []
+
+    def acting() -> Job[Any]:
+        yield Reset(5)
+        observation = yield Act(ACTION, recorded.append)
+        assert len(recorded) == 1
+        return observation, (yield Snapshot())
+
+    def stepping() -> Job[Any]:
+        yield Reset(5)
+        observation, *results = yield ACTION
+        for ours, theirs in zip(recorded[0][:3], results[:3], strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+        return observation, (yield Snapshot())
+
+    worlds = [make('rocket', num_envs=2) for _ in range(2)]
+    (ours, state), (theirs, same) = fly(worlds[0], acting()), fly(worlds[1], stepping())
+    np.testing.assert_array_equal(ours, theirs)
+    assert state == same
+
+
+def test_a_job_that_ends_without_its_last_results_is_refused() -> None:
+    def ends() -> Job[None]:
+        yield Reset(1)
+        yield Act(ACTION, lambda results: None)
+
+    with pytest.raises(TypeError, match='ended after Act, expected another command'):
+        fly(make('rocket', num_envs=2), ends())
