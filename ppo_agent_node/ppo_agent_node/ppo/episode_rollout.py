@@ -93,7 +93,6 @@ class EpisodeRollout:
         """Rocket steps of the last roll-out, of all groups, those after an episode included."""
         return sum(map(len, self._flown)) * self._returns.shape[1]
 
-    @torch.no_grad()
     def flight(
         self, group: int, begin: Reset | Restore, policy: Policy, generator: torch.Generator,
     ) -> Job[tuple[list[Ended], bytes]]:

@@ -104,7 +104,6 @@ class Rollout:
         """Rocket steps of a roll-out, of all groups."""
         return self.reward.numel()
 
-    @torch.no_grad()
     def flight(
         self, group: int, begin: Reset | Restore, policy: Policy, generator: torch.Generator,
     ) -> Job[tuple[list[Ended], bytes]]:

@@ -61,7 +61,7 @@ class Perceptron(nn.Sequential):
         return x
 
     def without_gradients(self) -> Callable[[Tensor], Tensor]:
-        """Return a function that computes these layers without gradients."""
+        """Return a function that computes these layers, for calls without gradients."""
         hidden, last = self.parts_without_gradients()
         return lambda x: last(hidden(x))
 
@@ -71,18 +71,16 @@ class Perceptron(nn.Sequential):
         """Return two functions, for the hidden layers and for the last layer.
 
         The first maps inputs `(..., D)` to the units of the last hidden layer `(..., H)`, the
-        second maps these to the outputs `(..., K)`.
+        second maps these to the outputs `(..., K)`. They are for calls without gradients.
         """
         *before, output = [(layer.weight, layer.bias) for layer in self.linear]
         activation = self.activation
 
-        @torch.no_grad()
         def hidden(x: Tensor) -> Tensor:
             for weight, bias in before:
                 x = dense(x, weight, bias, activation)
             return x
 
-        @torch.no_grad()
         def last(h: Tensor) -> Tensor:
             return functional.linear(h, *output)
 
@@ -225,7 +223,7 @@ def quick(
     bends = [(int(k), normaliser.width[k]) for k in normaliser.width.nonzero()[:, 0]]
     mean, scale, features = normaliser.mean, normaliser.scale, normaliser.features
 
-    @torch.no_grad()
+    @torch.inference_mode()
     def output(observation: Tensor) -> Tensor:
         x = observation.clone() if bends else observation
         for k, width in bends:

@@ -59,6 +59,7 @@ class CategoricalPolicy(Policy):
         gumbel = uniform.log_().neg_().log_().neg_()
         logits = self.quick_output()
 
+        @torch.inference_mode()
         def sample(step: int, observation: Tensor) -> Tensor:
             log_p = _finite(logits(observation).log_softmax(-1))
             action: Tensor = (log_p + gumbel[step]).argmax(-1)

@@ -84,7 +84,12 @@ class GaussianPolicy(Policy):
         log_prob.copy_(self._log_prob(noise.movedim(-1, 0)))
         noise *= self.log_std.exp()
         mean = self.quick_output()
-        return lambda step, observation: mean(observation).add_(noise[step])
+
+        @torch.inference_mode()
+        def sample(step: int, observation: Tensor) -> Tensor:
+            return mean(observation).add_(noise[step])
+
+        return sample
 
     def _state_dependent(
         self, log_prob: Tensor, generator: torch.Generator,
@@ -96,7 +101,7 @@ class GaussianPolicy(Policy):
             log_prob.shape[1], len(deviation), self.mean.linear[-1].in_features,
             generator=generator)
 
-        @torch.no_grad()
+        @torch.inference_mode()
         def sample(step: int, observation: Tensor) -> Tensor:
             h = hidden(observation)
             noise = torch.linalg.vecdot(weights, functional.normalize(h)[:, None])
