@@ -37,9 +37,11 @@ def _budget(f: Figures) -> str:
     return (
         'This section shows where the time of one lock-step step of a training roll-out is spent, '
         'with '
-        f'{f["num_envs"]} rockets and one simulator. Agent and simulator take turns here. With '
-        'two simulators or more they work at the same time (next table), and only the share of '
-        'the agent remains. All figures are medians, so they need not add up to the whole.')
+        f'{f["num_envs"]} rockets and one simulator. Agent and simulator take turns here, except '
+        'that the agent takes and records the results of a step while the simulator takes the '
+        'next one. With two simulators or more both work at the same time (next table), and only '
+        'the share of the agent remains. All figures are medians, so they need not add up to the '
+        'whole.')
 
 
 def _rollouts(f: Figures) -> str:

@@ -3,8 +3,9 @@
 
 There is one simulator and one agent, whose policy learns. The agent's parts are timed during
 a roll-out over DDS; the simulator's parts are timed in this process, with the same rockets. The
-rest of the step is communication: DDS, the kernel, and waking threads. The lower bound is the time
-that TCP takes for the same bytes, with one core per process.
+agent records the results of a step while it waits for the next one. The rest of that wait is
+communication: DDS, the kernel, and waking threads. The lower bound is the time that TCP takes for
+the same bytes, with one core per process.
 """
 from __future__ import annotations
 
@@ -124,9 +125,11 @@ def measure(num_envs: int, steps: int, rounds: int, policy: Policy) -> list[dict
         course()
         try:
             for owner, name, what in (
-                (Connection, 'ask', 'check, fill, publish action'),
+                (Connection, 'ask', 'ask'),
+                (Connection, '_send', 'check, fill, publish action'),
                 (PollingWaitSet, 'wait', 'wait'),
-                (Connection, 'poll', 'take observation, reward'), (Answers, 'take', 'check them'),
+                (Connection, 'poll', 'take observation'),
+                (Answers, 'take_observation', 'check observation'),
             ):
                 watch.time(owner, name, what)
             for _ in range(rounds):
@@ -134,6 +137,7 @@ def measure(num_envs: int, steps: int, rounds: int, policy: Policy) -> list[dict
                 rate = course()
                 whole = 1e6 * num_envs / rate
                 pieces = {name: 1e6 * s / steps for name, s in watch.seconds.items()}
+                pieces['wait'] += pieces.pop('ask') - pieces['check, fill, publish action']
                 pieces['buffers, bookkeeping'] = whole - sum(pieces.values())
                 for name, value in {**pieces, 'whole step': whole}.items():
                     found[name].append(value)
@@ -144,6 +148,7 @@ def measure(num_envs: int, steps: int, rounds: int, policy: Policy) -> list[dict
             floor.close()
     agent = {name: statistics.median(values) for name, values in found.items()}
     simulator = simulator_pieces(num_envs, 20 * rounds)
+    # With what the agent does meanwhile.
     wait, whole = agent.pop('wait'), agent.pop('whole step')
     tcp = agent.pop('floor: TCP, a core each')
     rows = [{'who': 'agent', 'what': name, 'us': value} for name, value in agent.items()]
