@@ -20,6 +20,7 @@ are no samples: their gradient is negligible, and they would cost as much as the
 """
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -31,9 +32,11 @@ from ppo_agent_node.ppo.rollout_buffer import Batch
 from ppo_agent_node.ppo.rollout_buffer import Ended
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.jobs import Act
 from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import Restore
+from rocket_sim_node.worlds.jobs import Results
 from rocket_sim_node.worlds.jobs import Snapshot
 
 _CHUNK = 128
@@ -105,27 +108,39 @@ class EpisodeRollout:
         finished: list[Ended] = []
         returns = np.zeros(self._returns.shape[1])
         last = np.zeros(len(returns), np.int64)
+        flying = [np.ones(len(returns), np.bool_)]  # before each step
+
+        def record(
+            step: int, seen: Tensor, action: Tensor, log_prob: Tensor, results: Results,
+        ) -> None:
+            reward, _, _, info = results
+            before = flying[step]
+            rows = torch.from_numpy(np.flatnonzero(before))
+            if len(rows):
+                flown.append((seen[rows], action[rows], log_prob[rows], rows))
+            returns[before] += reward[before]
+            last[before] = step
+            episodes: Episodes = info['episodes']
+            first = episodes.take(before[episodes.row])
+            if len(first):
+                finished.append((step, first))
+            after = before.copy()
+            after[info['final_rows']] = False
+            flying.append(after)
+
         observation = yield begin
-        flying = np.ones(len(returns), np.bool_)
         log_prob = torch.empty(_CHUNK, len(returns))
         step = 0
-        while flying.any():
+        # The results of a step are known when the next one has been taken (see `Act`). So the last
+        # step is taken when all have landed already.
+        while flying[max(step - 1, 0)].any():
             if step == 0 or (step % _CHUNK == 0 and not policy.noise_lasts):
                 sample = policy.sampler(log_prob, generator)
             seen = torch.tensor(observation)
             action = sample(step % _CHUNK, seen)
-            rows = torch.from_numpy(np.flatnonzero(flying))
-            # Copied, because actions and log-probabilities may lie in memory that is reused.
-            flown.append((
-                seen[rows], action[rows], log_prob[step % _CHUNK][rows], rows))
-            observation, reward, _, _, info = yield action.numpy()
-            returns[flying] += reward[flying]
-            last[flying] = step
-            episodes: Episodes = info['episodes']
-            first = episodes.take(flying[episodes.row])
-            if len(first):
-                finished.append((step, first))
-            flying[info['final_rows']] = False
+            # Copied, because the sampler reuses the memory.
+            observation = yield Act(action.numpy(), functools.partial(
+                record, step, seen, action, log_prob[step % _CHUNK].clone()))
             step += 1
         self._flown[group], self._returns[group], self._last[group] = flown, returns, last
         return finished, (yield Snapshot())

@@ -73,7 +73,7 @@ class Act:
 
     action: NDArray[Any]
     record: Callable[[Results], None]
-    """Called once with the results, before the next command is answered."""
+    """Called with the results before the next command is answered; not if the job is lost."""
 
 
 Command = Reset | Restore | Snapshot | Act | NDArray[Any]

@@ -38,7 +38,7 @@ def _budget(f: Figures) -> str:
         'This section shows where the time of one lock-step step of a training roll-out is spent, '
         'with '
         f'{f["num_envs"]} rockets and one simulator. Agent and simulator take turns here, except '
-        'that the agent takes and records the results of a step while the simulator takes the '
+        'that the agent checks and records the results of a step while the simulator takes the '
         'next one. With two simulators or more both work at the same time (next table), and only '
         'the share of the agent remains. All figures are medians, so they need not add up to the '
         'whole.')
@@ -64,7 +64,7 @@ def _rollouts(f: Figures) -> str:
         f'{each(lambda row: row["ratio_of_equals"]["DDS, 2"])}. A single simulator, which takes '
         'turns with its agent, could reach '
         f'{each(lambda row: row["tcp_bound"])} if its exchange cost no more than a TCP ping-pong '
-        'of the same bytes.')
+        'of the same bytes, and they never worked at the same time.')
 
 
 def _fleet(f: Figures) -> str:

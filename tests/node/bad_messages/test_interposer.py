@@ -25,6 +25,7 @@ from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.jobs import Act
 from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import Results
 from rocket_sim_node.worlds.jobs import SerialFleet
 from rocket_sim_node.worlds.jobs import Snapshot
 
@@ -77,8 +78,14 @@ def observed_first(seed: int, steps: int) -> Job[tuple[Any, ...]]:
     """Fly on each observation, before its results arrive; return all answers and the end."""
     found: list[Any] = [(yield Reset(seed))]
     results: list[Any] = []
+
+    def record(each: Results) -> None:
+        *arrays, info = each
+        results.extend([*arrays, info['final_rows'], info['final_observation'], *(
+            vars(info['episodes']).values() if len(info['final_rows']) else ())])
+
     for action in np.random.default_rng(seed).uniform(-1, 1, (steps, N, 3)).astype(np.float32):
-        found.append((yield Act(action, lambda each: results.extend(each[:3]))))
+        found.append((yield Act(action, record)))
     end = yield Snapshot()
     return np.concatenate(found + results, axis=None), end
 

@@ -209,16 +209,17 @@ def test_any_answer_of_a_service_is_taken_or_refused(
 
 def test_the_observation_is_taken_before_the_results_arrive() -> None:
     subscriptions, answers, _ = awaiting()
+    answers.await_step(SESSION, STEP, early=True)
 
     def post(topic: str) -> None:
         subscriptions[topic].posted.append(
             CODECS[topic].encode((SESSION, STEP + 1), answer(True)[topic]))
 
-    assert not answers.observed
+    assert not answers.observe()
     post('reward')  # whichever comes first
-    assert not answers.observed
+    assert not answers.observe()
     post('observation')
-    assert answers.observed
+    assert answers.observe()
     assert not answers.collect()
     step, observation = answers.take_observation()
     assert step == STEP + 1
@@ -228,7 +229,7 @@ def test_the_observation_is_taken_before_the_results_arrive() -> None:
     results = answers.take_results()
     answers.await_step(SESSION, step)
     np.testing.assert_array_equal(results()[3]['final_rows'], answer(True)['reward'][3])
-    assert not answers.observed
+    assert not answers.observe()
 
 
 def in_real_time(*posted: tuple[str, int, bool]) -> LatestAnswers:
@@ -282,7 +283,7 @@ def test_a_later_step_in_real_time_is_not_that_of_the_observation_taken() -> Non
     answers = in_real_time(
         ('observation', STEP + 2, False), ('reward', STEP + 1, False),
         ('reward', STEP + 2, False))
-    assert answers.observed
+    assert answers.observe()
     step, _ = answers.take_observation()
     assert step == STEP + 2
     for subscription in answers._subscriptions[:2]:

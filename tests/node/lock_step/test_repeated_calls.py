@@ -177,6 +177,6 @@ def test_invalid_service_arguments_are_refused_as_in_process(
                 reset(bad)
     still = [[-1.0, 0.0, 0.0]] * N
     assert_same(client.step(still), world.step(still))  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match='got list, expected Reset, Restore, Snapshot or an array'):
+    with pytest.raises(TypeError, match='got list, expected Reset, Restore, Snapshot, Act'):
         client.connection.ask(still)  # type: ignore[arg-type]
     assert client.snapshot() == world.snapshot()

@@ -23,6 +23,7 @@ def load_timed() -> tuple[Body, Errors]:
     body, errors = load()
     from rocket_sim_node.wire.client.connection import Connection
     from rocket_sim_node.wire.client.fleet import SimulatorFleet
+    from rocket_sim_node.worlds.jobs import Act
 
     begin, take = SimulatorFleet.__init__, Connection.take
 
@@ -31,7 +32,7 @@ def load_timed() -> tuple[Body, Errors]:
         begin(self, *args, **options)
 
     def take_timed(self: Connection) -> Any:
-        if isinstance(self._command, np.ndarray) and self.step == 0:
+        if isinstance(self._command, Act | np.ndarray) and self.step == 0:
             print(f'exchange {time.time()}', flush=True)
         return take(self)
 

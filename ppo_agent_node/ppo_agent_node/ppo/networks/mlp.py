@@ -216,7 +216,8 @@ def quick(
 
     In flight a batch is a few hundred observations, for which module calls take as long as the
     arithmetic. The function uses the current values of the weights, but not parameters that
-    replace them. It takes from now which entries have a `width`.
+    replace them. It takes from now which entries have a `width`. The outputs are tensors of
+    PyTorch's inference mode: they take no part in gradients.
 
     :param layers: what `Perceptron.without_gradients` or one of its parts computes.
     """

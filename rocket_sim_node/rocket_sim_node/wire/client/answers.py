@@ -41,6 +41,8 @@ class Answers:
         self._subscriptions = tuple(subscriptions)
         self._spec: WorldSpec | None = None
         self._session = self._step = 0
+        self._early = False
+        """Whether the observation is awaited first."""
         self.ahead = 0
         """Step that the simulator is at, when that is beyond the answer that is awaited."""
         self._observation: Any = None
@@ -51,24 +53,28 @@ class Answers:
         """Set the world whose answers are expected."""
         self._spec = spec
 
-    def await_step(self, session: int, step: int) -> None:
-        """Start to wait for the answer to this session and step; drop what came before."""
-        self._session, self._step, self.ahead = session, step, 0
+    def await_step(self, session: int, step: int, early: bool = False) -> None:
+        """Start to wait for the answer to this session and step; drop what came before.
+
+        :param early: whether the observation is of use before the rest has arrived.
+        """
+        self._session, self._step, self.ahead, self._early = session, step, 0, early
         self._observation = self._reward = self._episodes = None
 
     @property
-    def observed(self) -> bool:
-        """Whether the observation has arrived, of the messages that have."""
-        return self.collect() or self._observation is not None
+    def awaited_step(self) -> int:
+        """The step of the answer that is awaited."""
+        return self._step + 1
 
     @property
     def missing(self) -> ArraySubscription | None:
         """The subscription of the next missing part; None when the answer is complete.
 
-        In the order in which the simulator sends them.
+        The simulator sends the observation first, so with the reward both are here. To wait for
+        each would wake the agent twice.
         """
         observation, reward, episodes = self._subscriptions
-        if self._observation is None:
+        if self._observation is None and (self._early or self._reward is not None):
             return observation
         if self._reward is None:
             return reward
@@ -94,6 +100,10 @@ class Answers:
             else:
                 self._episodes = message
         return True
+
+    def observe(self) -> bool:
+        """Read the messages that have arrived; return whether the observation is among them."""
+        return self.collect() or self._observation is not None
 
     def heard_of(self, session: int) -> bool:
         """Read the observations that have arrived; return whether one belongs to this session."""

@@ -279,20 +279,19 @@ class Connection:
 
     @property
     def awaited(self) -> ArraySubscription | None:
-        """The subscription for the next part of a step's answer; None when no step is pending."""
+        """The subscription for the next part of a step's answer.
+
+        None when no part is missing, or no step is pending.
+        """
         return self._answers.missing if self._steps else None
 
     @property
     def arrived(self) -> bool:
         """Whether the awaited parts of a step's answer have arrived."""
         if self._acted is None and isinstance(self._command, Act):
-            return self._answers.observed
+            return self._answers.observe()
         return self._steps and self._answers.collect()
 
-    @property
-    def _steps(self) -> bool:
-        """Whether a step's answer is awaited, or the rest of it before a command is sent."""
-        return isinstance(self._command, Act | np.ndarray) or self._acted is not None
     @property
     def entities(self) -> dict[str, list[Any]]:
         """The node's entities that deliver the answer of a service."""
@@ -309,8 +308,8 @@ class Connection:
 
         Then they are recorded, while the simulator works.
 
-        :raises ValueError: for invalid actions; nothing was sent. For invalid results, which
-            nothing was learned from.
+        :raises ValueError: for invalid actions; nothing was sent. For invalid results of the last
+            step: they are not recorded, but the command was sent.
         """
         acted = self._acted
         if acted is None:
@@ -334,12 +333,13 @@ class Connection:
             self._message = self._action.encode(
                 (self.session, self.step, self.agent),
                 (action, _NONE) if self.spec.continuous else (_NONE, action))
-            self._answers.await_step(self.session, self.step)
+            self._answers.await_step(
+                self.session, self.step, early=isinstance(command, Act))
             self._publisher.publish(self._message)
             self._pause = self._options.resend_after
             self._next = now + self._pause
             self._silence = Silence(
-                self._node, 'an observation', self._options.patience, self.topic)
+                self._node, 'an answer', self._options.patience, self.topic)
         else:
             self._described_by, self._warned = 0.0, False
             self._begin_call(command, now)
@@ -347,6 +347,8 @@ class Connection:
 
     def poll(self) -> bool:
         """Do what is due; return whether the answer has arrived.
+
+        That includes what `ask` does, if it had to wait for the results of the last step.
 
         :raises EnvironmentRestarted: when the simulator is in another session.
         :raises WireTimeout: when there was no answer for too long.
@@ -388,7 +390,7 @@ class Connection:
         self._flying, self._lost = False, True
 
     def drop(self) -> None:
-        """Discard the pending command."""
+        """Discard the pending command, and results that are not recorded."""
         self._command = self._call = self._silence = self._acted = None
         self._described_by = 0.0
 
@@ -405,6 +407,11 @@ class Connection:
             f'{self.name}: {text}', throttle_duration_sec=1.0, throttle_time_source_type=STEADY)
 
     # Steps
+
+    @property
+    def _steps(self) -> bool:
+        """Whether a step's answer is awaited, or the rest of it before a command is sent."""
+        return isinstance(self._command, Act | np.ndarray) or self._acted is not None
 
     def _poll_step(self) -> bool:
         if self.arrived:
@@ -441,7 +448,8 @@ class Connection:
             others = [self._peer.named(gid, known) for known in [writers(self._node, topic)]
                       for gid in known if participant_of(gid) != participant_of(self._writer)]
             raise EnvironmentRestarted(
-                f'{self.name} is at step {self._answers.ahead}, expected {self.step + 1}: '
+                f'{self.name} is at step {self._answers.ahead}, '
+                f'expected {self._answers.awaited_step}: '
                 f'another node sends actions as agent {self.agent}; other writers of {topic}: '
                 f'{", ".join(others[:_MOST_NAMED]) or "none"}')
 

@@ -45,7 +45,7 @@ class LatestAnswers(Answers):
         self._observed = False
         """Whether the observation of that step was taken, so that its results are next."""
 
-    def await_step(self, session: int, step: int) -> None:
+    def await_step(self, session: int, step: int, early: bool = False) -> None:
         """Start to wait for the answer to this session and step, or to any later step."""
         if session != self._session:
             self._kept = ({}, {}, {})
@@ -83,9 +83,8 @@ class LatestAnswers(Answers):
             and (step in episodes or not len(rewards[step].final_rows))), default=0)
         return self._newest > 0
 
-    @property
-    def observed(self) -> bool:
-        """Whether a step is complete: only then is it known which step is the newest."""
+    def observe(self) -> bool:
+        """Read what has arrived; return whether a step is complete: only then is it the newest."""
         return self.collect()
 
     def take_observation(self) -> tuple[int, F32]:
