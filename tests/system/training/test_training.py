@@ -157,7 +157,8 @@ def test_two_agents_in_one_run_folder(processes: Processes, tmp_path: Path) -> N
 
 def test_simulators_that_join_and_leave_do_not_change_the_result(
         processes: Processes, tmp_path: Path) -> None:
-    groups = {'num_groups': 3}
+    # Without copies: both kinds of roll-outs are compared in this file.
+    groups = {'num_groups': 3, 'start_copies': 1}
     run = tmp_path / 'run'
     first, second = (simulator(processes, namespace=f'/sim_{k}') for k in range(2))
     trainer = agent(processes, run, simulators='/sim_*', **groups)
