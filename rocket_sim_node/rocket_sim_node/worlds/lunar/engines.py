@@ -11,6 +11,11 @@ from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.lunar import vehicle as vehicle
 from rocket_sim_node.worlds.lunar.vehicle import LunarSettings
 
+FEW = 8
+"""Maximum number of landers for which formulas are faster with Python's numbers, lander by lander,
+than with arrays of all: an operation of NumPy takes half a microsecond, however few they are.
+Only operations whose results are the same bits either way are used; NumPy's sine is not."""
+
 
 class Engines:
     """Main and side engines of N landers.
@@ -44,16 +49,33 @@ class Engines:
             np.where(main > 0.0, 0.5 + 0.5 * main, 0.0),
             np.where(np.abs(side) > 0.5, side, 0.0))
 
-    def push(self, hull: F64, main: F64, side: F64, scatter: F64, force: F64) -> None:
+    def push(
+        self, sin: F64, cos: F64, main: F64, side: F64, scatter: F64, force: F64,
+    ) -> None:
         """Compute force and torque at the centres of gravity of the hulls' bodies.
 
-        :param hull: `(N, 3)` poses of the hulls: m, m, rad.
+        :param sin: `(N,)` and `cos` `(N,)` of the hulls' angles.
         :param main: `(N,)` and `side` `(N,)` as `throttles` returns them.
         :param scatter: `(2, N)` random numbers, -1 to 1.
         :param force: `(N, 3)` N, N, N m: output.
         """
-        sin, cos = np.sin(hull[:, 2]), np.cos(hull[:, 2])
-        along, across = scatter * vehicle.DISPERSION
+        arrays = sin, cos, main, side, np.sign(side), *(scatter * vehicle.DISPERSION)
+        if len(force) > FEW:
+            force[:, 0], force[:, 1], force[:, 2] = self._pushed(*arrays)
+        else:
+            force[:] = [
+                self._pushed(*each)
+                for each in zip(*(array.tolist() for array in arrays), strict=True)]
+
+    def _pushed(
+        self, sin: Any, cos: Any, main: Any, side: Any, sign: Any, along: Any, across: Any,
+    ) -> tuple[Any, Any, Any]:
+        """Return force along x and y, N, and torque, N m, of one lander or of `(N,)`.
+
+        :param sign: of `side`.
+        :param along: scatter of the points of action along the hull's axis, m.
+        :param across: the same across it.
+        """
         # Points of action from the hull's origin: tip (sin, cos), side (-cos, sin).
         reach = vehicle.MAIN_ENGINE_OFFSET + 2 * along
         x, y = sin * reach - cos * across, -cos * reach - sin * across
@@ -61,13 +83,11 @@ class Engines:
         centre_x, centre_y = -sin * vehicle.BODY_CENTRE, cos * vehicle.BODY_CENTRE
         force_x, force_y = power * x, power * y
         torque = (x - centre_x) * force_y - (y - centre_y) * force_x
-        reach = 3 * across + np.sign(side) * vehicle.SIDE_ENGINE_AWAY
+        reach = 3 * across + sign * vehicle.SIDE_ENGINE_AWAY
         x, y = sin * along - cos * reach, -cos * along - sin * reach
-        power = -self._side_power * np.abs(side)
+        power = -self._side_power * abs(side)
         side_x, side_y = power * x, power * y
-        x -= sin * vehicle.SIDE_ENGINE_SKEW
-        y += cos * vehicle.SIDE_ENGINE_HEIGHT
-        torque += (x - centre_x) * side_y - (y - centre_y) * side_x
-        np.add(force_x, side_x, out=force[:, 0])
-        np.add(force_y, side_y, out=force[:, 1])
-        force[:, 2] = torque
+        x = x - sin * vehicle.SIDE_ENGINE_SKEW
+        y = y + cos * vehicle.SIDE_ENGINE_HEIGHT
+        torque = torque + ((x - centre_x) * side_y - (y - centre_y) * side_x)
+        return force_x + side_x, force_y + side_y, torque

@@ -2,6 +2,8 @@
 """Observation, reward-shaping potential and telemetry of the lunar lander."""
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,6 +14,7 @@ from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Bools
 from rocket_sim_node.worlds.lunar import vehicle as vehicle
+from rocket_sim_node.worlds.lunar.engines import FEW
 from rocket_sim_node.worlds.lunar.engines import Engines
 
 OBSERVATION_NAMES = (
@@ -60,28 +63,46 @@ def tilt(pose: F64) -> F64:
     return leaning
 
 
-def observe(pose: F64, velocity: F64, touching: Bools) -> tuple[F32, F64]:
+def observe(
+    pose: F64, velocity: F64, touching: Bools, sin: F64, cos: F64,
+) -> tuple[F32, F64]:
     """Return observations `(K, 8)` and the shaping potential `(K,)`.
 
     :param pose: `(K, 3)` m, m, rad, and `velocity` `(K, 3)` m/s, m/s, rad/s of the hulls' bodies.
     :param touching: `(K, 3)` whether hull, left and right leg touch the ground.
+    :param sin: `(K,)` and `cos` `(K,)` of the hulls' angles.
     """
-    state = np.empty((8, len(pose)))
-    x, y = hull_origin(pose)
+    if len(pose) > FEW:
+        *state, potential = _observed(
+            pose.T, velocity.T, touching.T.astype(np.float64), sin, cos, np.sqrt)
+        return np.ascontiguousarray(np.array(state).T, np.float32), potential
+    arrays = pose, velocity, touching, sin, cos
+    found = np.array([
+        _observed(place, motion, touch, sine, cosine, math.sqrt)
+        for place, motion, touch, sine, cosine in zip(
+            *(array.tolist() for array in arrays), strict=True)])
+    return found[:, :8].astype(np.float32), found[:, 8]
+
+
+def _observed(
+    pose: Any, velocity: Any, touching: Any, sin: Any, cos: Any, sqrt: Callable[[Any], Any],
+) -> tuple[Any, ...]:
+    """Return the observation and the potential of one lander or of `(K,)`; see `FEW`.
+
+    Each of pose, velocity and touching is a sequence of three.
+    """
+    (x, y, angle), (velocity_x, velocity_y, spin), (_, left, right) = pose, velocity, touching
     # As in Gymnasium: the position of the hull's origin, the velocity of its centre of gravity.
-    speed_x, speed_y = hull_velocity(pose, velocity, vehicle.HULL_CENTRE)
-    state[0] = x / vehicle.HALF_WIDTH
-    state[1] = (y - vehicle.PAD_HEIGHT - vehicle.LEG_DOWN) / vehicle.HALF_HEIGHT
-    state[2] = speed_x * (vehicle.HALF_WIDTH / _FRAMES)
-    state[3] = speed_y * (vehicle.HALF_HEIGHT / _FRAMES)
-    state[4] = pose[:, 2]
-    state[5] = velocity[:, 2] * (20 / _FRAMES)
-    state[6] = touching[:, vehicle.RIGHT]
-    state[7] = touching[:, vehicle.LEFT]
-    potential = 10 * (state[6] + state[7]) - 100 * (
-        np.sqrt(state[0]**2 + state[1]**2) + np.sqrt(state[2]**2 + state[3]**2)
-        + np.abs(state[4]))
-    return np.ascontiguousarray(state.T, np.float32), potential
+    arm = spin * (vehicle.HULL_CENTRE - vehicle.BODY_CENTRE)
+    x = (x + sin * vehicle.BODY_CENTRE) / vehicle.HALF_WIDTH
+    y = (y - cos * vehicle.BODY_CENTRE - vehicle.PAD_HEIGHT - vehicle.LEG_DOWN) / (
+        vehicle.HALF_HEIGHT)
+    velocity_x = (velocity_x - arm * cos) * (vehicle.HALF_WIDTH / _FRAMES)
+    velocity_y = (velocity_y - arm * sin) * (vehicle.HALF_HEIGHT / _FRAMES)
+    potential = 10 * (right + left) - 100 * (
+        sqrt(x * x + y * y) + sqrt(velocity_x * velocity_x + velocity_y * velocity_y)
+        + abs(angle))
+    return x, y, velocity_x, velocity_y, angle, spin * (20 / _FRAMES), right, left, potential
 
 
 def telemetry(known: Mapping[str, F64], engines: Engines) -> dict[str, NDArray[Any]]:

@@ -73,6 +73,8 @@ class LunarLanderWorld(StateCapture):
             num_envs, vehicle.LunarDesign(), s.dt, s.gravity, _SOLVER, step_threads)
         self._engines = Engines(s)
         self._force = np.zeros((num_envs, 3, 3))
+        self._sin, self._cos = np.zeros(num_envs), np.ones(num_envs)
+        """Of the hulls' angles."""
         self.rows = np.arange(num_envs)
         self._all = slice(None)
         self._seed = seed
@@ -142,11 +144,13 @@ class LunarLanderWorld(StateCapture):
         crashed = self._touching[:, 0]
         outside = np.abs(observation[:, 0]) >= 1.0
         rest = (self._still > 0) & (self._still >= s.rest_time - 1e-9)
-        rest &= self._touching.any(1)  # without gravity, or hovering, it may be still in the air
-        # In this order: a lander at rest has landed, whatever touches.
-        reward[crashed | outside] = s.reward_crash
-        reward[rest] = s.reward_landed
+        if rest.any():
+            rest &= self._touching.any(1)  # without gravity, or hovering, it may be in the air
         terminated = crashed | outside | rest
+        if terminated.any():
+            # In this order: a lander at rest has landed, whatever touches.
+            reward[terminated] = s.reward_crash
+            reward[rest] = s.reward_landed
         truncated = (self.age >= self._step_limit) & ~terminated
         done = (terminated | truncated).nonzero()[0]
         self.episode_return += reward
@@ -168,7 +172,8 @@ class LunarLanderWorld(StateCapture):
         force = self._force
         scatter = random_streams.numbers(self._keys, 2, spawn.DRAWS + 2 * self.age)
         self._main, self._side = self._engines.throttles(command)
-        self._engines.push(lanes.pose[:, 0], self._main, self._side, scatter, force[:, 0])
+        self._engines.push(
+            self._sin, self._cos, self._main, self._side, scatter, force[:, 0])
         if s.enable_wind:
             self._blow(force[:, 0])
         lanes.step(force)
@@ -199,9 +204,15 @@ class LunarLanderWorld(StateCapture):
         return self._look(self._all)[0]
 
     def _look(self, rows: NDArray[np.int64] | slice) -> tuple[F32, F64]:
-        """Return observations `(K, 8)` and the shaping potential `(K,)`."""
+        """Return observations `(K, 8)` and the shaping potential `(K,)`.
+
+        It must be called whenever poses have changed.
+        """
+        pose = self._lanes.pose[rows, 0]
+        sin, cos = np.sin(pose[:, 2]), np.cos(pose[:, 2])
+        self._sin[rows], self._cos[rows] = sin, cos
         return view.observe(
-            self._lanes.pose[rows, 0], self._lanes.velocity[rows, 0], self._touching[rows])
+            pose, self._lanes.velocity[rows, 0], self._touching[rows], sin, cos)
 
     # Episodes
 

@@ -88,6 +88,11 @@ class _Share:
         """Return the states of all bodies after the step, `(M, 6)`, static ones included."""
         return np.frombuffer(self._bodies.float_buf()).reshape(-1, 6)
 
+    @property
+    def touches(self) -> bool:
+        """Whether any vehicle touches the ground."""
+        return len(self._arbiters.int_buf()) > 0
+
     def touching(self) -> tuple[NDArray[np.uintp], F64]:
         """Return the ids `(K, 2)` of bodies in contact, and impulses and points `(K, 4)`."""
         return (np.frombuffer(self._arbiters.int_buf(), np.uintp).reshape(-1, 2),
@@ -198,11 +203,11 @@ class Lanes:
     def contacts(self) -> Contacts:
         """Return the contacts with the ground in the last step."""
         if self._contacts is None:
-            ids, values = map(np.concatenate, zip(
-                *(share.touching() for share in self._shares), strict=True))
-            if not len(ids):
+            touching = [share.touching() for share in self._shares if share.touches]
+            if not touching:
                 self._contacts = _NO_CONTACTS
                 return self._contacts
+            ids, values = map(np.concatenate, zip(*touching, strict=True))
             place = np.minimum(np.searchsorted(self._ids, ids), len(self._ids) - 1)
             # In each pair one body is a vehicle's and the other is the static one.
             second = (self._ids[place[:, 1]] == ids[:, 1]).astype(np.int64)
