@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node `watch`: shows the progress of a training in this namespace, like its own terminal.
 
-It only listens to `training`; it may start late, stop, and start again.
+It only listens to `training`; it may start late, stop, and start again. If the training stops
+before it is done, it says so and waits, because a run may be resumed.
 """
 from __future__ import annotations
 
@@ -28,21 +29,27 @@ _SPIN_PERIOD = 0.2
 def watch(node: Node, executor: Executor) -> None:
     """Show reports until the run is done or this process is asked to stop."""
     Parameters(node).finish()
-    done = False
+    done = present = False
+    status = Status()
     with Terminal() as terminal:
         def on_status(message: TrainingStatus) -> None:
-            nonlocal done
+            nonlocal done, present, status
             status = status_from_message(message)
             terminal.show(status)
-            done = done or status.stage == 'done'
+            done, present = done or status.stage == 'done', True
 
         node.create_subscription(TrainingStatus, 'training', on_status, qos.EVENTS)
         topic = node.resolve_topic_name('training')
-        terminal.wait_for(f'a report on {topic}', Status())
+        report = f'a report on {topic}'
+        terminal.wait_for(report, status)
         show_warnings(node, terminal, SECOND)
         while not done and not stopping.requested():
             executor.spin_once(timeout_sec=_SPIN_PERIOD)
             terminal.tick()
+            if present and not done and not node.count_publishers(topic):
+                present = False
+                terminal.say(f'the training has stopped: nobody reports on {topic}', 'yellow')
+                terminal.wait_for(report, status)
 
 
 def main() -> None:
