@@ -191,12 +191,18 @@ class LunarLanderWorld(StateCapture):
         self._still = np.where(still, self._still + s.dt, 0.0)
 
     def _blow(self, force: F64) -> None:
-        """Add wind and turbulence to the forces `(N, 3)`: tanh(sin 2kx + sin pi kx), k = 0.01."""
+        """Add wind and turbulence to the forces `(N, 3)`: tanh(sin 2kx + sin pi kx), k = 0.01.
+
+        As in Gymnasium, the wind pushes the hull's own centre of gravity, which is not that of its
+        body here.
+        """
         blown = np.flatnonzero(~self._touching[:, 1:].any(1))
         place = 0.01 * self._wind[:, blown]
         strength = np.tanh(np.sin(2 * place) + np.sin(np.pi * place))
-        force[blown, 0] += strength[0] * self.settings.wind_power
-        force[blown, 2] += strength[1] * self.settings.turbulence_power
+        push = strength[0] * self.settings.wind_power
+        lever = (vehicle.HULL_CENTRE - vehicle.BODY_CENTRE) * self._cos[blown]
+        force[blown, 0] += push
+        force[blown, 2] += strength[1] * self.settings.turbulence_power - push * lever
         self._wind[:, blown] += 1
 
     def observe(self) -> F32:

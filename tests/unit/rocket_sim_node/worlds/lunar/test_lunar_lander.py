@@ -408,6 +408,33 @@ def test_wind_follows_its_pattern_until_a_leg_touches() -> None:
     assert np.array_equal(windy._wind[:, 25:], still[:, 25:] + 1)
 
 
+def test_wind_pushes_the_centre_of_the_hull() -> None:
+    """It is 0.3 mm above the centre of gravity of hull and legs, 12.5 mm with legs drawn in."""
+    calm, windy = make(20, seed=6), make(20, seed=6, enable_wind=True, turbulence_power=0.0)
+    lanes = windy._lanes
+    height = lanes.pose[:, 0, 1] + vehicle.HULL_CENTRE - vehicle.BODY_CENTRE
+    centre = (lanes._mass * lanes.pose[:, :, 1]).sum(1) / vehicle.TOTAL_MASS
+    arm = lanes.pose[:, :, :2] - np.stack((lanes.pose[:, 0, 0], centre), axis=1)[:, None]
+    moment = (lanes._moment + lanes._mass * (arm**2).sum(2)).sum(1)
+
+    def gained(steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return what the wind added so far: impulse, N s, and angular momentum, N m s."""
+        for _ in range(steps):
+            calm.step(np.zeros(20, np.int64))
+            windy.step(np.zeros(20, np.int64))
+        motion = windy._lanes.velocity[:, 0] - calm._lanes.velocity[:, 0]
+        return motion[:, 0] * vehicle.TOTAL_MASS, motion[:, 2] * moment
+
+    push, turn = gained(1)
+    assert turn == pytest.approx(-push * (height - centre), abs=1e-5)
+    push, turn = gained(39)
+    steady = np.abs(push) > 8.0
+    assert steady.sum() > 3
+    lever = -turn[steady] / push[steady]
+    assert (lever > 0.0).all()
+    assert (lever < 0.0125).all()
+
+
 def test_terrain_is_smoothed_around_a_level_pad() -> None:
     world = make(300)
     terrain = world.terrain

@@ -7,6 +7,7 @@ from typing import Any
 
 from rocket_msgs.msg import TrainingStatus
 from support.processes import Processes
+from support.processes import wait_until
 
 from rocket_sim_node.wire.dds import qos
 
@@ -14,12 +15,12 @@ from rocket_sim_node.wire.dds import qos
 def test_a_training_that_stops_and_returns(
         processes: Processes, make_node: Callable[..., Any]) -> None:
     watch = processes.run_node('ppo_agent_node', 'watch')
-    node, executor = make_node()
+    node, _ = make_node()
 
     def report(stage: str, message: str) -> Any:
         publisher = node.create_publisher(TrainingStatus, 'training', qos.EVENTS)
+        wait_until(lambda: publisher.get_subscription_count() > 0, 30.0)
         publisher.publish(TrainingStatus(stage=stage, message=message))
-        executor.spin_once(timeout_sec=0.0)
         watch.wait_for(message, 30.0)
         return publisher
 
