@@ -65,7 +65,7 @@ class WorldInfo:
             landed_distance=value('landed_distance', cls.landed_distance),
             range_limit=value('range_limit', cls.range_limit),
             fuel=value('fuel', cls.fuel),
-            max_torque=value('rcs_torque', cls.max_torque),
+            max_torque=value('rcs_torque', cls.max_torque) or cls.max_torque,
             stance=value('stance', cls.stance),
             field_half_width=value('field_half_width', cls.field_half_width),
             condition_names=condition_names, settings=dict(settings),

@@ -42,6 +42,11 @@ def heights(points: F64, y: F64, sin: F64, cos: F64) -> F64:
     return lifted
 
 
+def rest_steps(settings: PlanarSettings) -> int:
+    """Return the number of steps at rest after which a vehicle has landed, at least one."""
+    return max(1, int(np.ceil(settings.rest_time / settings.dt - 1e-9)))
+
+
 class PlanarContact:
     """Contact state of N vehicles, each of which may be in touchdown.
 
@@ -60,7 +65,7 @@ class PlanarContact:
         # Feet are below the origin, the hull is above.
         self._middle = (vehicle.hull_bottom(settings) - settings.touchdown_height) / 2
         self._rest_speed, self._rest_spin = settings.rest_speed, np.deg2rad(settings.rest_spin)
-        self._rest_steps = max(1, int(np.ceil(settings.rest_time / settings.dt - 1e-9)))
+        self._rest_steps = rest_steps(settings)
         self._push = np.zeros((count, 1, 3))
         self._start_x = np.zeros(count)
         self.feet = np.zeros((count, 2), np.bool_)

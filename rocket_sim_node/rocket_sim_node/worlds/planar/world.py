@@ -74,7 +74,7 @@ class RocketPlanarWorld(RocketWorld):
         self.contact = PlanarContact(num_envs, s)
         self._corners = np.array([*vehicle.feet(s), *vehicle.hull(s)])
         self._reach = np.hypot(*self._corners.T).max()
-        self._most_steps_down = int(np.floor(s.touchdown_limit / s.dt + 1e-9))
+        self._most_steps_down = _most_steps_down(s)
 
     def _begin(self, rows: NDArray[np.integer], first: spawn.Spawn) -> None:
         """Set the given rockets to their initial states."""
@@ -92,10 +92,11 @@ class RocketPlanarWorld(RocketWorld):
 
         :raises ValueError: when they make landing or flight impossible.
         """
-        if settings.rest_time > settings.touchdown_limit:
+        if contact_model.rest_steps(settings) > _most_steps_down(settings):
             raise ValueError(
-                f"setting 'rest_time': got {settings.rest_time}, "
-                f'expected at most touchdown_limit, {settings.touchdown_limit} s')
+                f"setting 'rest_time': got {settings.rest_time}, expected at most "
+                f'touchdown_limit, {settings.touchdown_limit} s, and both a step of '
+                f'{settings.dt} s or more')
         widest = np.deg2rad(min(spawn.spawn_range(settings).angle, settings.tilt_limit))
         lean = np.linspace(0.0, widest, 91)
         corners = np.array([*vehicle.feet(settings), *vehicle.hull(settings)])
@@ -298,3 +299,8 @@ class RocketPlanarWorld(RocketWorld):
              if name.removeprefix(_PREFIX) not in own}, ours)
         self._struck[:] = False
         self._turn_axes(self.rows)
+
+
+def _most_steps_down(settings: PlanarSettings) -> int:
+    """Return the number of steps from touchdown after which an episode ends."""
+    return int(np.floor(settings.touchdown_limit / settings.dt + 1e-9))

@@ -2,7 +2,8 @@
 """Dynamics of rockets in flight, with observations and telemetry: N rigid bodies in NumPy arrays.
 
 SI units, y up. Spherical inertia, thrust along the body's axis, torque about world X and Z, drag
-against the velocity; semi-implicit Euler.
+against the velocity; semi-implicit Euler. Within a step, drag slows a rocket at most to the speed
+of the air.
 """
 from __future__ import annotations
 
@@ -116,19 +117,23 @@ class RocketDynamics(StateCapture):
         yaw_kept = (1.0 - s.yaw_damping) ** (1.0 / s.substeps)
         if v.disturbed:
             self.disturbance[::2] = v.side + self.gust
+        if s.substeps > 1:
+            throttle = throttle.copy()  # that of the step is reported, even if fuel runs out in it
         for substep in range(s.substeps):
             if substep:
                 throttle *= self.fuel > 0.0
             per_mass = dt / (self.fuel + v.dry_mass)
             speed = rotation.norm(self.velocity)
+            if not substep:
+                first_speed = speed
             impulse = rotation.up_vector(self.attitude)
             impulse *= throttle * v.max_thrust * per_mass
             if v.windy:  # otherwise rounding must stay that of nominal flights
                 against = self.velocity - v.wind
-                against *= v.drag * rotation.norm(against) * per_mass
+                against *= np.minimum(v.drag * rotation.norm(against) * per_mass, 1.0)
                 self.velocity -= against
             else:
-                self.velocity *= 1.0 - v.drag * speed * per_mass
+                self.velocity *= np.maximum(1.0 - v.drag * speed * per_mass, 0.0)
             self.velocity += impulse
             self.velocity[1] -= v.fall
             if v.disturbed:
@@ -140,7 +145,7 @@ class RocketDynamics(StateCapture):
             self.spin[1] *= yaw_kept
             self.attitude = rotation.integrate(self.attitude, self.spin, dt)
         self.log.note_flight(
-            speed, self.position[1], throttle, self.engines.lit, s.touchdown_height)
+            first_speed, self.position[1], throttle, self.engines.lit, s.touchdown_height)
 
     def observe(self) -> F32:
         """Return the observation `(N, D)` of the current state."""

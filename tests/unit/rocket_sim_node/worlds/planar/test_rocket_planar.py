@@ -468,6 +468,9 @@ def test_a_start_with_a_foot_in_the_ground_is_refused() -> None:
         worlds.make('rocket_planar', spawn_height=15.0, spawn_angle=170.0, tilt_limit=180.0)
     with pytest.raises(ValueError, match='rest_time'):
         worlds.make('rocket_planar', rest_time=6.0)
+    with pytest.raises(ValueError, match=r'and both a step of 0\.02 s or more'):
+        worlds.make('rocket_planar', rest_time=0.0, touchdown_limit=0.01)
+    worlds.make('rocket_planar', rest_time=0.0, touchdown_limit=0.02)
 
 
 def test_contact_ends_with_the_episode() -> None:

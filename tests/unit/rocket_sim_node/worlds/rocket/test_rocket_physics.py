@@ -80,6 +80,34 @@ def test_drag_of_one_step_by_hand() -> None:
     assert world.velocity[:, 0] == pytest.approx(before - deceleration * DT, abs=1e-12)
 
 
+@pytest.mark.parametrize(('substeps', 'wind'), [(1, 0.0), (10, 0.0), (1, 30.0), (10, 30.0)])
+def test_drag_never_reverses_the_velocity_relative_to_the_air(
+        substeps: int, wind: float) -> None:
+    """However large it is: an explicit step would overshoot, and diverge."""
+    world = upright(
+        4, gravity=0.0, drag_coefficient=100.0, drag_area=1e4, substeps=substeps, wind_speed=wind)
+    world.velocity[:] = [[10.0], [-40.0], [20.0]]
+    fly(world, 1, OFF)
+    blows = np.array(world.vehicles.wind) if wind else np.zeros((3, 4))
+    assert np.linalg.norm(blows, axis=0) == pytest.approx([wind] * 4)
+    assert world.velocity == pytest.approx(blows, abs=1e-9)
+
+
+def test_the_first_substep_decides_on_hovering_and_reported_throttle() -> None:
+    """Fuel that runs out within a step does not change the throttle of that step."""
+    one, many = (upright(dt=0.1, substeps=n, fuel=3.0) for n in (1, 10))
+    for world in (one, many):
+        world.velocity[1] = -1.0
+        fly(world, 1, FULL)
+        assert world.fuel[0] == 0.0
+        assert world.telemetry(np.arange(1)).throttle[0] == 1.0
+    slow, fast = (upright(dt=0.1, substeps=10, max_thrust=2e6) for _ in range(2))
+    slow.velocity[1], fast.velocity[1] = -1.9, 2.1
+    for world, hover in ((slow, 1), (fast, 0)):
+        fly(world, 1, FULL)
+        assert world.log.hover[0] == hover
+
+
 def test_coasting_slows_down_hyperbolically() -> None:
     """Without gravity 1/v grows by k t / m; the error is of first order and its sign known."""
     world = upright(gravity=0.0, range_limit=1e4, dt=0.001)
