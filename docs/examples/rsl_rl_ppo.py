@@ -47,7 +47,7 @@ class RslRlEnv(VecEnv):
         done = torch.as_tensor(terminated | truncated)
         self.episode_length_buf = (self.episode_length_buf + 1) * ~done
         extras: dict[str, Any] = {'time_outs': torch.as_tensor(truncated)}
-        if info and info['_final_info'].any():
+        if 'final_info' in info and info['_final_info'].any():
             returns = info['final_info']['episode_return'][info['_final_info']]
             extras['log'] = {'/episode/return': float(returns.mean())}
         return self.get_observations(), torch.as_tensor(reward) / 50, done, extras

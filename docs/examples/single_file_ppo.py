@@ -117,7 +117,7 @@ def collect(envs: Any, agent: Agent, observation: np.ndarray, o: Options) -> tup
         observation, raw, terminated, truncated, info = envs.step(action.numpy())
         reward[step] = raw / 50
         done[step] = terminated | truncated
-        if info:
+        if 'final_info' in info:
             returns += info['final_info']['episode_return'][info['_final_info']].tolist()
         for row in np.flatnonzero(truncated):
             with torch.no_grad():

@@ -102,7 +102,7 @@ class ReverseCurriculum(VectorWrapper):
     def step(self, actions: NDArray[Any]) -> Step:
         """Advance all environments by one step; the reach may grow after it."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
-        if not self.over and info:
+        if not self.over and 'final_info' in info:  # wrappers may add more at each step
             final = info['final_info']
             self._landed.extend(final['is_success'][info['_final_info']].tolist())
             if len(self._landed) == self._landed.maxlen and (

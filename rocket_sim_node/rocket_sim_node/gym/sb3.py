@@ -15,6 +15,7 @@ from rocket_sim_node.gym.vector_env import HoverslamVectorEnv
 from rocket_sim_node.worlds.base import F32
 
 try:
+    from stable_baselines3.common.monitor import Monitor
     from stable_baselines3.common.vec_env import VecEnv
 except ModuleNotFoundError as _error:
     raise ImportError(
@@ -45,6 +46,7 @@ class HoverslamVecEnv(VecEnv):
         self.env = env
         self._actions: NDArray[Any] = np.zeros(0)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self.metadata = {**env.metadata, **self.metadata}  # VecVideoRecorder reads render_fps
 
     def reset(self) -> F32:
         """Start new episodes, with the seed of `seed` and the options of `set_options`, once.
@@ -73,7 +75,7 @@ class HoverslamVecEnv(VecEnv):
         observation, reward, terminated, truncated, info = self.env.step(self._actions)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         done = terminated | truncated
-        if info:
+        if 'final_info' in info:  # wrappers may add more at each step
             final = info['final_info']
             for row in np.flatnonzero(done).tolist():
                 infos[row] = {
@@ -131,6 +133,10 @@ class HoverslamVecEnv(VecEnv):
             raise ValueError(f'indices: got {indices!r}, expected None: all share {name!r}')
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """Return False for each environment: they have no wrappers of their own."""
+        """Return for each environment whether the class is `Monitor`, or a base of it.
+
+        They have no wrappers of their own, but their infos have the entry `episode` of a
+        `Monitor`: `evaluate_policy` then takes returns from there, also inside `VecNormalize`.
+        """
         chosen: Iterable[int] = self._get_indices(indices)
-        return [False for _ in chosen]
+        return [issubclass(Monitor, wrapper_class) for _ in chosen]

@@ -56,6 +56,25 @@ def test_the_reach_grows_with_landings_and_truncates_other_episodes() -> None:
     assert cut > 0
 
 
+class AddsTime(gymnasium.vector.VectorWrapper):
+    """A wrapper that adds to the info of each step."""
+
+    def step(self, actions: Any) -> Any:
+        *found, info = self.env.step(actions)
+        return *found, {**info, 'time': np.zeros(N)}
+
+
+def test_infos_of_wrappers_do_not_look_like_ends() -> None:
+    ours, wrapped = make(), ReverseCurriculum(
+        AddsTime(gymnasium.make_vec('hoverslam/Rocket-v1', num_envs=N, seed=1)),
+        window=N, landing_rate=0.9)
+    for envs in ours, wrapped:
+        envs.reset()
+        for _ in range(100):
+            envs.step(IDLE)
+    assert wrapped.reach == ours.reach > 0.4
+
+
 def test_the_lander_begins_near_the_ground() -> None:
     envs = ReverseCurriculum(
         gymnasium.make_vec('hoverslam/LunarLander-v1', num_envs=N, seed=1), reach=1.0, window=N,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import importlib
 import sys
+import warnings
 from typing import Any
 
 import gymnasium
@@ -40,6 +41,7 @@ def test_single_environments_pass_the_check_of_sb3(name: str) -> None:
     check_env(gymnasium.make(name, render_mode='rgb_array'))
 
 
+@pytest.mark.filterwarnings('ignore:The environment is already wrapped with a `Monitor`')
 def test_infos_of_ended_episodes_agree_with_vec_monitor() -> None:
     ours = make()
     from stable_baselines3.common.vec_env import VecMonitor
@@ -70,6 +72,59 @@ def test_vec_normalize_wraps_the_adapter() -> None:
     assert np.isfinite(seen).all()
     assert normalised.obs_rms.count == pytest.approx(301 * N, abs=1)
     normalised.close()
+
+
+def test_evaluation_reports_true_returns_of_normalised_rewards() -> None:
+    env = make()
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.evaluation import evaluate_policy
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    model = PPO('MlpPolicy', env, seed=1, device='cpu')
+    env.seed(5)
+    true, lengths = evaluate_policy(model, env, 2 * N, return_episode_rewards=True, warn=False)
+    env.seed(5)
+    normalised = VecNormalize(env, training=False, norm_obs=False)
+    normalised.ret_rms.var = np.array(1e4)  # as of a training
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        found = evaluate_policy(model, normalised, 2 * N, return_episode_rewards=True)
+    assert found == (true, lengths)
+    assert np.abs(true).max() > 10  # normalised rewards are clipped to 10, and a hundredth
+
+
+def test_only_a_monitor_is_said_to_wrap_the_environments() -> None:
+    env = make()
+    from stable_baselines3.common.monitor import Monitor
+
+    assert env.env_is_wrapped(Monitor) == [True] * N
+    assert env.env_is_wrapped(Monitor, indices=[1]) == [True]
+    assert env.env_is_wrapped(gymnasium.wrappers.TimeLimit) == [False] * N
+
+
+class AddsTime(gymnasium.vector.VectorWrapper):
+    """A wrapper that adds to the info of each step."""
+
+    def step(self, actions: Any) -> Any:
+        *found, info = self.env.step(actions)
+        return *found, {**info, 'time': np.zeros(N)}
+
+
+def test_infos_of_wrappers_do_not_look_like_ends() -> None:
+    wrapped = make()
+    wrapped.env = AddsTime(wrapped.env)
+    ours = make()
+    np.testing.assert_array_equal(ours.reset(), wrapped.reset())
+    for one, other in zip(fly(ours), fly(wrapped), strict=True):
+        assert [set(info) for info in one[3]] == [set(info) for info in other[3]]
+
+
+def test_recorders_of_videos_find_the_frame_rate() -> None:
+    env = make(render_mode='rgb_array')
+    assert env.metadata['render_fps'] == 50
+    assert env.metadata['render_modes'] == ['human', 'rgb_array']
+    env.reset()
+    assert env.render().shape[2] == 3
 
 
 def test_seed_and_options_reach_the_next_reset() -> None:
