@@ -32,13 +32,13 @@ class PolicyPilot:
         :raises FileNotFoundError: when there is no such file.
         :raises ValueError: when it is damaged, has weights that are not finite, or was trained for
             other observations or actions than those of `spec`; the message names file and
-            difference. For a device that is not available.
+            difference. For an unknown device, or one that is not available.
         """
         path = Path(path)
         if path.suffix != onnx_file.SUFFIX:
             self._fly, self.description = _load(path, spec, device)
-        elif device == 'cuda':
-            raise ValueError(f"device: got 'cuda', expected 'cpu' or 'auto' for {path}")
+        elif device not in ('cpu', 'auto'):
+            raise ValueError(f"device: got {device!r}, expected 'cpu' or 'auto' for {path}")
         else:
             self._fly, self.description = onnx_file.load(path, spec)
         self._columns = columns(self.description['observation_names'], spec.observation_names)

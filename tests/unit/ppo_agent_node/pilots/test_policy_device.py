@@ -34,7 +34,9 @@ def test_the_gpu_flies_the_same_but_for_rounding(world: str) -> None:
     np.testing.assert_allclose(actions(world, 'cuda'), actions(world, 'cpu'), atol=1e-4)
 
 
-def test_an_onnx_file_needs_no_gpu(tmp_path: Path) -> None:
+@pytest.mark.parametrize('device', ['cuda', 'cuda:0', 'gpu', ''])
+def test_an_onnx_file_needs_no_gpu(device: str, tmp_path: Path) -> None:
     spec = worlds.make('rocket').spec
-    with pytest.raises(ValueError, match=r"device: got 'cuda', .* for .*x\.onnx"):
-        PolicyPilot(tmp_path / 'x.onnx', spec, 'cuda')
+    message = f"device: got '{device}', expected 'cpu' or 'auto' for .*x\\.onnx"
+    with pytest.raises(ValueError, match=message):
+        PolicyPilot(tmp_path / 'x.onnx', spec, device)
