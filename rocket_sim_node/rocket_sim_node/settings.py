@@ -65,7 +65,7 @@ def check(info: SettingInfo, value: object) -> Value:
     :raises ValueError: when it is not finite, outside the range or not one of the choices.
     """
     if isinstance(info.default, tuple):
-        if isinstance(value, str) or not hasattr(value, '__iter__'):
+        if isinstance(value, str) or not hasattr(value, '__iter__') or _shape(value) == ():
             raise TypeError(f'{info.name}: got {value!r}, expected a list of whole numbers')
         return tuple(int(_number(info, item, whole=True)) for item in value)
     if isinstance(info.default, bool | str):
@@ -94,10 +94,12 @@ def whole_number(name: str, value: object, low: int, high: int, shown_high: str 
 
 
 def _number(info: SettingInfo, value: object, *, whole: bool) -> float:
-    if isinstance(value, bool | str) or not hasattr(value, '__float__'):
-        raise TypeError(f'{info.name}: got {value!r}, expected a number')
+    # Arrays and tensors can be converted as well, but only those of one number.
+    if isinstance(value, bool | str) or not hasattr(value, '__float__') or _shape(value):
+        raise TypeError(
+            f'{info.name}: got {" ".join(repr(value).split())}, expected a number')
     # Not via float, which would round whole numbers above 2**53.
-    number = int(value) if whole and isinstance(value, Integral) else _float(value)
+    number = int(value) if whole and isinstance(value, Integral) else as_float(value)
     finite = isinstance(number, int) or math.isfinite(number)
     if not (finite and info.low <= number <= info.high):
         raise ValueError(
@@ -109,10 +111,16 @@ def _number(info: SettingInfo, value: object, *, whole: bool) -> float:
     return number
 
 
-def _float(value: Any) -> float:
+def _shape(value: object) -> object:
+    """Return the shape of an array or a tensor, None for anything else."""
+    return getattr(value, 'shape', None)
+
+
+def as_float(value: Any) -> float:
+    """Return a number as a float; infinite if it is an integer too large for one."""
     try:
         return float(value)
-    except OverflowError:  # an integer too large for a float
+    except OverflowError:
         return math.inf
 
 

@@ -170,11 +170,11 @@ def make(
     """
     entry = _entry(name)
     num_envs, seed = check_num_envs(num_envs), random_streams.check_seed(seed)
-    if not entry.threaded and step_threads != 1:
+    threads = settings_module.check(_STEP_THREADS, step_threads)
+    if not entry.threaded and threads != 1:
         raise ValueError(
             f'step_threads: got {step_threads!r}, expected 1, as world {name!r} is stepped by '
             'one thread')
-    threads = settings_module.check(_STEP_THREADS, step_threads)
     if entry.threaded:
         values['step_threads'] = threads
     return entry.world(num_envs=num_envs, seed=seed, **values)

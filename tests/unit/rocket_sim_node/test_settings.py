@@ -6,6 +6,7 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
 
 from rocket_sim_node import settings
@@ -104,6 +105,7 @@ def test_unknown_settings_are_named_with_the_known_ones() -> None:
 @pytest.mark.parametrize(('name', 'value', 'expected'), [
     ('ratio', 2, 2.0), ('count', 4.0, 4), ('fast', True, True), ('mode', 'swift', 'swift'),
     ('sizes', [1, 512], (1, 512)), ('sizes', (), ()), ('seed', 2**53 + 1, 2**53 + 1),
+    ('ratio', np.array(2), 2.0), ('sizes', np.array([1, 512]), (1, 512)),
 ])
 def test_good_values_become_the_kind_of_the_default(
     name: str, value: object, expected: object,
@@ -124,6 +126,12 @@ def test_good_values_become_the_kind_of_the_default(
     ('sizes', '12', "sizes: got '12', expected a list of whole numbers"),
     ('sizes', 12, 'sizes: got 12, expected a list of whole numbers'),
     ('sizes', [1.5], 'sizes: got 1.5, expected a whole number'),
+    ('sizes', np.array(12), 'sizes: got array(12), expected a list of whole numbers'),
+    ('sizes', np.ones((1, 2), int), 'sizes: got array([1, 1]), expected a number'),
+    ('ratio', np.array([1, 2]), 'ratio: got array([1, 2]), expected a number'),
+    ('ratio', np.ones((2, 1)), 'ratio: got array([[1.], [1.]]), expected a number'),
+    ('count', np.array([4]), 'count: got array([4]), expected a number'),
+    ('fast', np.array([True]), 'fast: got array([ True]), expected true or false'),
 ])
 def test_another_kind_is_a_type_error(name: str, value: object, message: str) -> None:
     """Named with the value and what was expected."""

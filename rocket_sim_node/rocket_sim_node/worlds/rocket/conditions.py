@@ -202,7 +202,7 @@ def settings(name: str) -> dict[str, float]:
 
     :raises ValueError: for an unknown name.
     """
-    if name not in NAMES:
+    if not isinstance(name, str) or name not in NAMES:
         raise ValueError(f'conditions: got {name!r:.200}, expected one of {", ".join(NAMES)}')
     return dict(_SETS[name])
 
