@@ -81,17 +81,23 @@ class RecordRerun(VectorWrapper):
         if not chosen.rows or max(chosen.rows) >= env.num_envs:
             raise ValueError(
                 f'rows: got {chosen.rows}, expected numbers from 0 to {env.num_envs - 1}')
+        if output and not isinstance(output, str | Path):
+            raise TypeError(f'output: got {output!r:.80}, expected the name of a file')
+        if connect and not isinstance(connect, str):
+            raise TypeError(f'connect: got {connect!r:.80}, expected a URL')
         if not output and not connect:
             raise ValueError("output: got '', expected a file, or a URL in connect")
         if output:
             check_suffix(output)
+        self._file: FileSink | None = None
         with ExitStack() as opened:
             sinks: list[Sink] = []
             if connect:
                 sinks.append(LiveSink(connect, _note))
                 opened.callback(sinks[-1].close)
             if output:
-                sinks.append(FileSink(Path(output).absolute(), _note))
+                self._file = FileSink(Path(output).absolute(), _note)
+                sinks.append(self._file)
             opened.pop_all()  # the recorder closes them
         self._env, self._world = unwrapped, unwrapped.simulated
         self._rows = np.array(sorted(set(chosen.rows)))
@@ -104,6 +110,14 @@ class RecordRerun(VectorWrapper):
     def flights(self) -> int:
         """Number of flights recorded so far; until `close`, the last ones may still wait."""
         return self._recorder.flights
+
+    @property
+    def path(self) -> Path | None:
+        """The file written, which is numbered if its name was taken; None until `close`.
+
+        It remains None if nothing was recorded, or without `output`.
+        """
+        return None if self._file is None else self._file.published
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None,
@@ -140,4 +154,4 @@ class RecordRerun(VectorWrapper):
 
 def _note(level: str, text: str) -> None:
     if level != 'INFO':
-        gymnasium.logger.warn(text)
+        gymnasium.logger.warn('%s', text)  # the text may have a %

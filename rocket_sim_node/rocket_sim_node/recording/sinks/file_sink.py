@@ -88,6 +88,8 @@ class FileSink:
         self._note = note
         self.complete = True
         """Whether nothing was left unfinished; known once the sink is closed."""
+        self.published: Path | None = None
+        """The resulting file, once the sink is closed; None if there is none under its name."""
         self._partial = partial_path(path)
         self._merged, self._repaired, self._whole = (
             self._partial.with_name(f'{self._partial.stem}.{name}{path.suffix}')
@@ -313,6 +315,7 @@ class FileSink:
             self._note('ERROR', f'the recording is complete, but remains at {self._partial}: '
                                 f'{error}')
             return False
+        self.published = where
         self._note('INFO', f'recording saved: {where} ({where.stat().st_size / 2**20:.1f} MiB)')
         return True
 

@@ -38,8 +38,10 @@ def test_the_flights_are_those_of_the_environment(name: str, mode: str, tmp_path
         figures = info.get('final_info', info)
         ended += [(row, float(figures['episode_return'][row]))
                   for row in (1, 3) if (terminated | truncated)[row]]
+    assert envs.path is None
     envs.close()
     envs.close()
+    assert envs.path == path
     recorded = [(flight.row, flight.summary['return']) for flight in trajectories(path)]
     assert ended and [row for row, _ in recorded] == [row for row, _ in ended]
     if mode == 'SAME_STEP':  # with NEXT_STEP, the statistics leave out a step
@@ -77,6 +79,36 @@ def test_without_close_the_file_is_completed_as_well(tmp_path: Path) -> None:
     gc.collect()
     assert [file.name for file in tmp_path.iterdir()] == ['flights.rrd']
     assert trajectories(tmp_path / 'flights.rrd')
+
+
+def test_a_name_that_is_taken_is_numbered(tmp_path: Path) -> None:
+    written = []
+    for _ in range(2):
+        envs = RecordRerun(make(), tmp_path / 'twice.rrd')
+        envs.reset()
+        while not envs.flights:
+            envs.step(np.tile(np.float32([-1, 0, 0]), (N, 1)))
+        envs.close()
+        written.append(envs.path)
+    assert written == [tmp_path / 'twice.rrd', tmp_path / 'twice-2.rrd']
+    assert all(path.exists() for path in written)
+
+
+def test_warnings_show_a_path_as_it_is(tmp_path: Path) -> None:
+    envs = RecordRerun(make(), tmp_path / '100%s.rrd')
+    with pytest.warns(UserWarning, match='nothing was recorded: .*100%s.rrd was not written'):
+        envs.close()
+    assert envs.path is None
+
+
+@pytest.mark.parametrize(('keywords', 'message'), [
+    ({'output': 3}, 'output: got 3, expected the name of a file'),
+    ({'output': True}, 'output: got True, expected the name of a file'),
+    ({'connect': 3}, 'connect: got 3, expected a URL'),
+])
+def test_destinations_of_a_wrong_type_are_named(keywords: dict[str, Any], message: str) -> None:
+    with pytest.raises(TypeError, match=message):
+        RecordRerun(make(), **keywords)
 
 
 def test_a_wrong_viewer_leaves_no_file(tmp_path: Path) -> None:
