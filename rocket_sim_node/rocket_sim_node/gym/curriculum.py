@@ -16,6 +16,7 @@ from rocket_sim_node import worlds
 from rocket_sim_node.gym import keywords
 from rocket_sim_node.gym.vector_env import HoverslamVectorEnv
 from rocket_sim_node.gym.vector_env import Step
+from rocket_sim_node.settings import as_float
 from rocket_sim_node.settings import whole_number
 from rocket_sim_node.worlds.base import F32
 
@@ -77,7 +78,7 @@ class ReverseCurriculum(VectorWrapper):
         """m, maximum height of a start above touchdown."""
         self.over = False
         """Whether episodes have the ordinary starts."""
-        self._full, self._growth, self._needed = full, growth, landing_rate
+        self._full, self._growth, self._needed = full, as_float(growth), landing_rate
         self._landed: deque[bool] = deque(maxlen=window)
         self._options: dict[str, Any] = {}
 
@@ -90,7 +91,7 @@ class ReverseCurriculum(VectorWrapper):
 
         :raises ValueError: for an option `spawn_reach`, which the curriculum sets.
         """
-        options = dict(options or {})
+        options = keywords.reset_options(options)
         _refuse_reach(options)
         full = self._full_reach(options)
         reach = min(self.reach, full) if full > 0 else self.reach  # else the reset is refused
@@ -128,7 +129,8 @@ class ReverseCurriculum(VectorWrapper):
         """Return the full drop after a reset with these options, m."""
         given = {**self._hoverslam.reset_settings, **options}
         # The world refuses what is no number.
-        numbers = {name: float(value) for name, value in given.items() if isinstance(value, Real)}
+        numbers = {
+            name: as_float(value) for name, value in given.items() if isinstance(value, Real)}
         return worlds.full_reach(self._hoverslam.world_spec.after_reset(numbers))
 
 
@@ -138,6 +140,6 @@ def _refuse_reach(settings: Mapping[str, Any]) -> None:
     :raises ValueError: for a `spawn_reach` that is not 0.
     """
     given = settings.get('spawn_reach', 0)
-    if given != 0:
+    if not isinstance(given, Real) or given != 0:
         raise ValueError(
             f'spawn_reach: got {given!r:.80}, expected none: the curriculum sets it (reach)')

@@ -8,7 +8,9 @@ from collections.abc import Mapping
 from numbers import Real
 from typing import Any
 
+import numpy as np
 from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
 
 from rocket_sim_node import worlds
 from rocket_sim_node.settings import SettingInfo
@@ -58,10 +60,11 @@ def autoreset_mode(value: object) -> AutoresetMode:
 
     :raises ValueError: for any but SAME_STEP and NEXT_STEP.
     """
-    for mode in (AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP):
-        if value in (mode, mode.name, mode.value):
-            return mode
-    raise ValueError(f'autoreset_mode: got {value!r}, expected SAME_STEP or NEXT_STEP')
+    if isinstance(value, AutoresetMode | str):  # others, such as arrays, may not compare
+        for mode in (AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP):
+            if value in (mode, mode.name, mode.value):
+                return mode
+    raise ValueError(f'autoreset_mode: got {value!r:.80}, expected SAME_STEP or NEXT_STEP')
 
 
 def check_number(name: str, value: object, expected: str = 'a number') -> None:
@@ -91,6 +94,20 @@ def check_connection(simulators: object, patience: Any, step_threads: object) ->
             'start them with this parameter instead')
 
 
+def actions(value: Any, shape: tuple[int, ...] | None) -> NDArray[Any]:
+    """Return actions as an array.
+
+    :param shape: the expected one, for the message.
+    :raises ValueError: when their parts differ in length.
+    """
+    try:
+        return np.asarray(value)
+    except ValueError as error:
+        raise ValueError(
+            f'action: got {" ".join(repr(value).split()):.80}, whose parts differ in length, '
+            f'expected shape {shape}') from error
+
+
 def reset_options(options: object) -> dict[str, Any]:
     """Return a copy of the options of a reset.
 
@@ -118,8 +135,8 @@ def check_render_mode(value: str | None, simulators: str) -> None:
     """
     if value is None:
         return
-    if value not in RENDER_MODES:
-        raise ValueError(f'render_mode: got {value!r}, expected None or {RENDER_MODES[0]!r}')
+    if not isinstance(value, str) or value not in RENDER_MODES:
+        raise ValueError(f'render_mode: got {value!r:.80}, expected None or {RENDER_MODES[0]!r}')
     if simulators:
         raise ValueError(
             f'render_mode: got {value!r}, expected None with simulators, which publish their '

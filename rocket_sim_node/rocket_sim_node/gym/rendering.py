@@ -58,7 +58,7 @@ class Camera:
         draw.text(
             (6, 4), f'{states.time[index]:.2f} s   {speed:.1f} m/s   '
             f'{max(states.position[index, 1], 0.0):.1f} m', fill=palette.WHITE)
-        return np.asarray(image)
+        return np.array(image)  # a copy, which the caller may write to
 
     def _draw_rocket(self, draw: ImageDraw.ImageDraw, states: Telemetry, index: int) -> None:
         width, height = self._size

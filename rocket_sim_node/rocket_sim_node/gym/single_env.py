@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from rocket_sim_node.gym import keywords
 from rocket_sim_node.gym.vector_env import Frame
 from rocket_sim_node.gym.vector_env import HoverslamVectorEnv
+from rocket_sim_node.settings import as_float
 from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds import snapshots
+from rocket_sim_node.worlds.actions import form_error
 from rocket_sim_node.worlds.base import F32
 
 METADATA: dict[str, Any] = {'render_modes': list(keywords.RENDER_MODES), 'render_fps': 50}
@@ -65,10 +67,15 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
         options = keywords.reset_options(options)
         seed = None if seed is None else random_streams.check_seed(seed)
         super().reset(seed=seed)
+        if self.np_random_seed == -1:  # the user has set `np_random`
+            self._envs.np_random = self.np_random
         first, text = self._next, _text(options)
-        if first is None or seed is not None or text != self._options:
+        if (first is None or seed is not None or text != self._options
+                or self._envs.reseeded):
             observation, _ = self._envs.reset(seed=seed, options=options)
             first = observation[0]
+            self._np_random, self._np_random_seed = (
+                self._envs.np_random, self._envs.np_random_seed)
         self._next, self._options = None, text  # not when the reset has been refused
         return first, {}
 
@@ -76,8 +83,12 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
         """Advance by one step; see `HoverslamVectorEnv.step`."""
         if self._next is not None:
             raise gymnasium.error.ResetNeeded('step: the episode has ended, expected a reset')
-        observation, reward, terminated, truncated, info = self._envs.step(
-            np.asarray(action)[None])
+        action, space = keywords.actions(action, self.action_space.shape), self.action_space
+        continuous = self.world_spec.continuous
+        # The world would name the shapes of a batch of one.
+        if action.shape != space.shape or action.dtype.kind not in ('fiu' if continuous else 'iu'):
+            raise form_error(action, space.shape or (), continuous=continuous)
+        observation, reward, terminated, truncated, info = self._envs.step(action[None])
         last = observation[0]
         found = {}
         if info:
@@ -121,11 +132,17 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
 
     def close(self) -> None:
         """Free the world, or release the simulator; may be called again."""
+        self._next = None  # a reset would return it
         self._envs.close()
+
+
+def _is_number(value: object) -> bool:
+    """Return whether a value is a number; True would equal 1, and is refused as a number."""
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def _text(options: dict[str, Any]) -> str:
     """Return options as a text that is equal for equal options, and that a snapshot can hold."""
-    same = {name: float(value) if isinstance(value, Real) else value
+    same = {name: as_float(value) if _is_number(value) else value
             for name, value in options.items()}
     return json.dumps(same, sort_keys=True, default=repr)

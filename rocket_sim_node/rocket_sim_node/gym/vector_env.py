@@ -138,6 +138,8 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         self._camera = None if render_mode is None else Camera(spec)
         self._same_step = mode is AutoresetMode.SAME_STEP
         self._seed = seed
+        self._drawn: np.random.Generator | None = None
+        """The `np_random` of the last reset."""
         self.resets = 0
         """Number of resets and restores so far."""
         self._idle = idle_action(spec)
@@ -147,12 +149,19 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         self._skipped = np.zeros(self.num_envs, np.int64)
         """With NEXT_STEP, reward and steps of the current episodes that were not returned."""
 
+    @property
+    def reseeded(self) -> bool:
+        """Whether the user has set `np_random` since the last reset."""
+        # Gymnasium gives generators of unknown seed the seed -1.
+        return self.np_random_seed == -1 and self.np_random is not self._drawn
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None,
     ) -> tuple[F32, dict[str, Any]]:
         """Start new episodes of all environments; return observation `(N, D)` and no info.
 
-        :param seed: of the starts, 0 to 2**63 - 1; None: the next episodes of the current seed.
+        :param seed: of the starts, 0 to 2**63 - 1; None: the next episodes of the current seed, or
+            of one that is drawn from `np_random`, if you have set that since the last reset.
         :param options: settings that a reset may change, such as `level` and `conditions`
             (`worlds.reset_settings`), until the next reset.
         :raises ValueError: for an unknown option or a value that is out of range.
@@ -160,12 +169,14 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         world = self._open()
         options = keywords.reset_options(options)
         seed = None if seed is None else random_streams.check_seed(seed)
-        super().reset(seed=seed)
-        if seed is None and not self.resets:
+        reseeded = self.reseeded
+        if seed is None and not self.resets and not reseeded:
             seed = self._seed
-            if seed is None:
-                seed = int(self.np_random.integers(2**62))
+        super().reset(seed=seed)
+        if seed is None and (reseeded or not self.resets):
+            seed = int(self.np_random.integers(2**62))
         observation = world.reset(seed, **{**self.reset_settings, **options})
+        self._drawn = self.np_random
         self.resets += 1
         self._ended[:] = False
         self._skipped_reward[:] = self._skipped[:] = 0
@@ -181,10 +192,11 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         """
         world = self._open()
         if not self.resets:
-            raise gymnasium.error.ResetNeeded('step: got no reset before it, expected one')
+            raise gymnasium.error.ResetNeeded('step: call reset first')
+        actions = keywords.actions(actions, self.action_space.shape)
         if not self._same_step:
-            return self._step_next(world, np.asarray(actions))
-        observation, reward, terminated, truncated, info = world.step(np.asarray(actions))
+            return self._step_next(world, actions)
+        observation, reward, terminated, truncated, info = world.step(actions)
         found = {}
         if len(info['final_rows']):
             found = episode_info.final(
@@ -229,7 +241,7 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         """
         world = self._open()
         if not self.resets:
-            raise gymnasium.error.ResetNeeded('snapshot: got no reset before it, expected one')
+            raise gymnasium.error.ResetNeeded('snapshot: call reset first')
         state = np.frombuffer(world.snapshot(), np.uint8)
         return snapshots.pack(self.world_spec, {_STATE: state, **self._own_state()})
 

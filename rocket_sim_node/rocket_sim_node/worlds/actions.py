@@ -61,14 +61,23 @@ def commanded(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
     return np.clip(action.astype(np.float64), -_LARGEST, _LARGEST).astype(np.float32)
 
 
+def form_error(
+    action: NDArray[Any], shape: tuple[int, ...], *, continuous: bool,
+) -> ValueError:
+    """Return the error of actions of a wrong shape or type.
+
+    :param shape: the expected one.
+    """
+    kind = 'numbers' if continuous else 'whole numbers'
+    return ValueError(
+        f'action: got {action.dtype} of shape {action.shape}, expected {kind} of shape {shape}')
+
+
 def _finite(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
     """Return continuous actions after checking their shape and that they are finite."""
     shape = (spec.num_envs, len(spec.action_names))
     if action.shape != shape or action.dtype.kind not in 'fiu':
-        raise ValueError(
-            f'action: got {action.dtype} of shape {action.shape}, '
-            f'expected numbers of shape {shape}'
-        )
+        raise form_error(action, shape, continuous=True)
     if not np.isfinite(action).all():
         row, column = np.argwhere(~np.isfinite(action))[0]
         raise ValueError(
@@ -81,10 +90,7 @@ def _finite(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
 def _choices(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
     """Return discrete actions after checking that they exist."""
     if action.shape != (spec.num_envs,) or action.dtype.kind not in 'iu':
-        raise ValueError(
-            f'action: got {action.dtype} of shape {action.shape}, '
-            f'expected whole numbers of shape {(spec.num_envs,)}'
-        )
+        raise form_error(action, (spec.num_envs,), continuous=False)
     if ((action < 0) | (action >= spec.action_count)).any():
         row = int(np.argmax((action < 0) | (action >= spec.action_count)))
         raise ValueError(

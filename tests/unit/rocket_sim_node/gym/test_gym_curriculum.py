@@ -184,6 +184,16 @@ def test_a_reach_beside_that_of_the_curriculum_is_refused() -> None:
         envs.reset(options={'spawn_reach': 5.0})
 
 
+@pytest.mark.parametrize(('options', 'message'), [
+    (3, "options: got 3, expected a dictionary, such as {'level': 3}"),
+    ({'spawn_height': 10**400}, 'spawn_height: got 1000000'),
+    ({'spawn_reach': np.array([1, 2])}, 'spawn_reach: got array([1, 2]), expected none'),
+])
+def test_bad_resets_are_named(options: Any, message: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=re.escape(message)):
+        make().reset(options=options)
+
+
 def test_a_world_without_start_heights_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('rocket_sim_node.worlds.reset_settings', lambda name: ())
     with pytest.raises(ValueError, match='expected one with setting spawn_reach'):

@@ -164,6 +164,47 @@ def test_seeds() -> None:
     np.testing.assert_array_equal(first, envs.reset(seed=1)[0])
 
 
+def drawn(env: Any, seed: int = 3) -> Any:
+    """Return the first observation after the user has set the generator."""
+    env.unwrapped.np_random = np.random.default_rng(seed)
+    return env.reset()[0]
+
+
+def test_a_generator_that_the_user_sets_gives_the_next_seed() -> None:
+    for env in gymnasium.make('hoverslam/Rocket-v1', seed=1), make():
+        first = drawn(env)  # before the first reset
+        generator = env.unwrapped.np_random
+        assert (env.reset()[0] != first).any()  # once: the next episode
+        assert env.unwrapped.np_random is generator
+        np.testing.assert_array_equal(drawn(env), first)
+        assert (drawn(env, 4) != first).any()
+        env.unwrapped.np_random = np.random.default_rng(3)
+        seeded = env.reset(seed=1)[0]
+        assert (seeded != first).any()
+        np.testing.assert_array_equal(drawn(env), first)
+        np.testing.assert_array_equal(env.reset(seed=1)[0], seeded)
+
+
+def test_a_generator_that_the_user_sets_counts_after_the_end_of_an_episode() -> None:
+    env = gymnasium.make('hoverslam/Rocket-v1', seed=1, **LOW)
+    first = drawn(env)
+    while not any(env.step(env.action_space.sample())[2:4]):
+        pass
+    np.testing.assert_array_equal(drawn(env), first)
+    np.testing.assert_array_equal(drawn(make(num_envs=1))[0], first)
+
+
+def test_the_seed_of_make_is_that_of_the_generator() -> None:
+    for env in gymnasium.make('hoverslam/Rocket-v1', seed=4), make(seed=4):
+        first = env.reset()[0]
+        assert env.unwrapped.np_random_seed == 4
+        env.reset()
+        assert env.unwrapped.np_random_seed == 4
+        env.reset(seed=5)
+        assert env.unwrapped.np_random_seed == 5
+        np.testing.assert_array_equal(env.reset(seed=4)[0], first)
+
+
 def test_options_last_until_the_next_reset() -> None:
     envs = gymnasium.make_vec('hoverslam/Rocket-v1', num_envs=N, level=7)
     seventh = envs.reset(seed=1)[0]
@@ -200,10 +241,21 @@ def test_a_refused_reset_of_a_single_environment_does_not_begin_the_next_episode
         env.step(env.action_space.sample())
 
 
+def test_true_is_no_number_even_if_the_episode_has_begun_with_1() -> None:
+    env = gymnasium.make('hoverslam/Rocket-v1', seed=1, **LOW).unwrapped
+    env.reset(options={'level': 1})
+    while not any(env.step(env.action_space.sample())[2:4]):
+        pass
+    with pytest.raises(TypeError, match='level: got True, expected a number'):
+        env.reset(options={'level': True})
+    env.reset(options={'level': 1.0})
+
+
 def test_pictures_show_the_end_of_an_episode() -> None:
     env = gymnasium.make('hoverslam/Rocket-v1', render_mode='rgb_array', seed=1, **LOW)
     env.reset()
     first = env.render()
+    first[:] = first  # may be written to
     assert first.shape == (500, 400, 3) and first.dtype == np.uint8
     done, last = False, first
     while not done:
@@ -289,8 +341,55 @@ def test_closing_is_final_and_may_be_repeated() -> None:
         envs.step(np.zeros((N, 3), np.float32))
 
 
+def test_a_closed_environment_begins_no_episode_even_if_one_is_ready() -> None:
+    env = gymnasium.make('hoverslam/Rocket-v1', seed=1, **LOW).unwrapped
+    env.reset()
+    while not any(env.step(env.action_space.sample())[2:4]):
+        pass
+    env.close()
+    for use in env.reset, env.snapshot, env.render, lambda: env.step(np.zeros(3)):
+        with pytest.raises(gymnasium.error.ClosedEnvironmentError):
+            use()
+
+
+def test_without_a_reset_there_is_no_step_and_no_snapshot() -> None:
+    envs = make()
+    with pytest.raises(gymnasium.error.ResetNeeded, match='^step: call reset first$'):
+        envs.unwrapped.step(np.zeros((N, 3)))
+    with pytest.raises(gymnasium.error.ResetNeeded, match='^snapshot: call reset first$'):
+        envs.unwrapped.snapshot()
+
+
+@pytest.mark.parametrize('mode', ['SAME_STEP', 'NEXT_STEP'])
+def test_ragged_actions_are_named(mode: str) -> None:
+    envs = make(autoreset_mode=mode)
+    envs.reset()
+    message = 'action: got [[1, 2, 3], [1], [2]], whose parts differ in length, expected shape (3'
+    with pytest.raises(ValueError, match=re.escape(message)):
+        envs.step([[1, 2, 3], [1], [2]])
+
+
+@pytest.mark.parametrize(('world', 'action', 'message'), [
+    ('Rocket', [[1, 2, 3]], 'got int64 of shape (1, 3), expected numbers of shape (3,)'),
+    ('Rocket', 'abc', 'got <U3 of shape (), expected numbers of shape (3,)'),
+    ('Rocket', [1, [2, 3]], 'got [1, [2, 3]], whose parts differ in length, expected shape (3,)'),
+    ('LunarLander', [2], 'got int64 of shape (1,), expected whole numbers of shape ()'),
+    ('LunarLander', 2.0, 'got float64 of shape (), expected whole numbers of shape ()'),
+])
+def test_bad_actions_are_named_by_the_shape_of_one(
+    world: str, action: Any, message: str,
+) -> None:
+    env = gymnasium.make(f'hoverslam/{world}-v1').unwrapped
+    env.reset()
+    with pytest.raises(ValueError, match=re.escape(f'action: {message}')):
+        env.step(action)
+
+
 @pytest.mark.parametrize(('keywords', 'message'), [
     ({'levle': 7}, "unknown keyword 'levle' (did you mean 'level'?), expected num_envs, seed,"),
+    ({'autoreset_mode': np.array(['a', 'b'])}, "autoreset_mode: got array(['a', 'b']"),
+    ({'render_mode': np.array(['a', 'b'])}, "render_mode: got array(['a', 'b']"),
+    ({'conditions': np.array(['a', 'b'])}, "conditions: got array(['a', 'b']"),
     ({'autoreset_mode': 'DISABLED'}, "got 'DISABLED', expected SAME_STEP or NEXT_STEP"),
     ({'render_mode': 'human'}, "render_mode: got 'human', expected None or 'rgb_array'"),
     ({'simulators': '/sim', 'render_mode': 'rgb_array'}, 'watch them with the node'),
@@ -310,6 +409,8 @@ def test_bad_keywords_are_named(keywords: dict[str, Any], message: str) -> None:
 @pytest.mark.parametrize(('keywords', 'message'), [
     ({'simulators': 3}, "simulators: got 3, expected a string, such as '/sim_*'"),
     ({'patience': 'a'}, "patience: got 'a', expected a number of seconds"),
+    ({'level': np.array([1, 2])}, 'level: got array([1, 2]), expected a number'),
+    ({'step_threads': np.array([1, 2])}, 'step_threads: got array([1, 2]), expected a number'),
 ])
 def test_keywords_of_a_wrong_type_are_named(keywords: dict[str, Any], message: str) -> None:
     with pytest.raises(TypeError, match=re.escape(message)):
@@ -331,6 +432,7 @@ def test_integers_of_numpy_are_numbers() -> None:
 
 
 @pytest.mark.parametrize(('arguments', 'message'), [
+    ({'options': {'level': 10**400}}, 'level: got 1000000'),
     ({'options': {'levle': 7}}, "unknown setting 'levle', expected level"),
     ({'options': {'reset_mask': np.ones(N, bool)}}, "got 'reset_mask', expected none"),
     ({'seed': [1, 2, 3]}, 'seed: got [1, 2, 3], expected a whole number from 0 to'),
