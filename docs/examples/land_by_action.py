@@ -6,6 +6,8 @@ import rclpy
 from rclpy.action import ActionClient
 from rocket_msgs.action import Land
 
+if len(sys.argv) != 2:
+    sys.exit(f'usage: python {sys.argv[0]} RECORDING')
 rclpy.init()
 node = rclpy.create_node('operator')
 client = ActionClient(node, Land, 'land')

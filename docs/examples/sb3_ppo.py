@@ -68,6 +68,7 @@ def main() -> None:
     parser.add_argument('--output', type=Path, default=Path('sb3_ppo.zip'))
     options = vars(parser.parse_args())
     output = options.pop('output')
+    output = output if output.suffix else output.with_suffix('.zip')  # as `save` does
     model = train(**options)
     model.save(output)
     # The policy is worthless without the means and deviations of its observations.

@@ -70,6 +70,7 @@ def main() -> None:
     parser.add_argument('--output', type=Path, default=Path('sb3_sac.zip'))
     options = vars(parser.parse_args())
     output = options.pop('output')
+    output = output if output.suffix else output.with_suffix('.zip')  # as `save` does
     train(**options).save(output)
     print(f'policy: {output}')
 

@@ -53,6 +53,8 @@ class Options:
     entropy_weight: float = 0.003
     value_weight: float = 0.5
     max_grad_norm: float = 1.0
+    output: str = 'single_file_ppo.pt'
+    """file for the weights; an existing one is replaced"""
 
 
 class Agent(nn.Module):
@@ -192,7 +194,9 @@ def main() -> None:
             parser.add_argument(name, action='store_true')
         else:
             parser.add_argument(name, type=type(field.default), default=field.default)
-    torch.save(train(Options(**vars(parser.parse_args()))).state_dict(), 'single_file_ppo.pt')
+    options = Options(**vars(parser.parse_args()))
+    torch.save(train(options).state_dict(), options.output)
+    print(f'policy: {options.output}')
 
 
 if __name__ == '__main__':

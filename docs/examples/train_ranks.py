@@ -32,6 +32,9 @@ def main(run: str, *settings: str) -> None:
         if stop.is_set():
             raise EnvironmentClosed('asked to stop')
 
+    for setting in settings:
+        if '=' not in setting:
+            raise ValueError(f'got {setting!r}, expected NAME=VALUE')
     given = dict(setting.split('=', 1) for setting in settings)
     preset, world = given.pop('preset', 'default'), given.pop('world', 'rocket')
     defaults = load_preset(preset, world).flat()

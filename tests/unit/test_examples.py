@@ -38,6 +38,47 @@ def test_ppo_in_a_single_file_is_reproducible(world: str) -> None:
     assert not all(torch.equal(first[name], more[name]) for name in first)
 
 
+def test_ppo_in_a_single_file_says_where_it_saves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = tmp_path / 'weights.pt'
+    monkeypatch.setattr(sys, 'argv', [
+        'single_file_ppo.py', '--num-envs', '4', '--num-steps', '8', '--steps', '32',
+        '--minibatches', '2', '--output', str(path)])
+    runpy.run_path(str(EXAMPLES / 'single_file_ppo.py'), run_name='__main__')
+    assert capsys.readouterr().out.endswith(f'policy: {path}\n')
+    assert 'log_deviation' in torch.load(path, weights_only=True)
+
+
+@pytest.mark.parametrize(('example', 'beside'), [
+    ('sb3_ppo', ['model.zip.vecnormalize.pkl']), ('sb3_sac', [])])
+def test_examples_of_stable_baselines3_say_where_they_save(
+    example: str, beside: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    pytest.importorskip('stable_baselines3')
+    monkeypatch.setattr(sys, 'argv', [
+        f'{example}.py', '--num-envs', '1', '--steps', '1', '--output', str(tmp_path / 'model')])
+    runpy.run_path(str(EXAMPLES / f'{example}.py'), run_name='__main__')
+    assert f'policy: {tmp_path}/model.zip' in capsys.readouterr().out
+    assert sorted(file.name for file in tmp_path.iterdir()) == ['model.zip', *beside]
+
+
+@pytest.mark.parametrize(('arguments', 'message'), [
+    (['land_by_action.py'], 'usage: python .*land_by_action.py RECORDING'),
+    (['train_ranks.py', 'run', 'quick'], ".*train_ranks.py: got 'quick', expected NAME=VALUE"),
+])
+def test_missing_arguments_are_named_in_one_line(arguments: list[str], message: str) -> None:
+    if 'land' in arguments[0]:
+        pytest.importorskip('rclpy')
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / arguments[0], *arguments[1:]],
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)},
+        capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert re.fullmatch(f'{message}\n', done.stderr), done.stderr
+
+
 @pytest.mark.slow
 def test_ppo_in_a_single_file_learns(capsys: pytest.CaptureFixture[str]) -> None:
     example = runpy.run_path(str(EXAMPLES / 'single_file_ppo.py'))

@@ -67,7 +67,7 @@ class Recorder:
         :raises ReachedError: if the training is to end.
         """
         self.steps += num_envs
-        if info:
+        if 'final_info' in info:
             final, ended = info['final_info'], info['_final_info']
             self._returns.extend(final['episode_return'][ended].tolist())
             self._landed.extend(final['is_success'][ended].tolist())
