@@ -6,6 +6,8 @@ before it is done, it says so and waits, because a run may be resumed.
 """
 from __future__ import annotations
 
+import time
+
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rocket_msgs.msg import TrainingStatus
@@ -24,17 +26,20 @@ from rocket_sim_node.wire.node.running import run
 
 _SPIN_PERIOD = 0.2
 """Seconds per spin."""
+_SILENCE = 1.0
+"""Seconds without a report after which to look whether the training is still there: reports may
+wait in a queue when this process was stopped."""
 
 
 def watch(node: Node, executor: Executor) -> None:
     """Show reports until the run is done or this process is asked to stop."""
     Parameters(node).finish()
     done = present = False
-    status = Status()
+    status, heard = Status(), 0.0
     with Terminal() as terminal:
         def on_status(message: TrainingStatus) -> None:
-            nonlocal done, present, status
-            status = status_from_message(message)
+            nonlocal done, present, status, heard
+            status, heard = status_from_message(message), time.monotonic()
             terminal.show(status)
             done, present = done or status.stage == 'done', True
 
@@ -46,7 +51,8 @@ def watch(node: Node, executor: Executor) -> None:
         while not done and not stopping.requested():
             executor.spin_once(timeout_sec=_SPIN_PERIOD)
             terminal.tick()
-            if present and not done and not node.count_publishers(topic):
+            silent = time.monotonic() - heard > _SILENCE
+            if present and silent and not node.count_publishers(topic):
                 present = False
                 terminal.say(f'the training has stopped: nobody reports on {topic}', 'yellow')
                 terminal.wait_for(report, status)

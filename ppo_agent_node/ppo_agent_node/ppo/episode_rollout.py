@@ -93,7 +93,10 @@ class EpisodeRollout:
 
     @property
     def steps(self) -> int:
-        """Rocket steps of the last roll-out, of all groups, those after an episode included."""
+        """Rocket steps of the last roll-out, of all groups, those after an episode included.
+
+        Less the last step, which is taken while the results of the one before arrive.
+        """
         return sum(map(len, self._flown)) * self._returns.shape[1]
 
     def flight(

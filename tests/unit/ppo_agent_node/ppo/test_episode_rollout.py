@@ -2,6 +2,7 @@
 """Roll-outs of whole episodes: advantages among the copies of a start, and training by them."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,14 @@ from ppo_agent_node.ppo.episode_rollout import relative_advantages
 from ppo_agent_node.ppo.learner import Learner
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.training.trainer import Trainer
+from rocket_sim_node.worlds import VectorEnv
 from rocket_sim_node.worlds import make
+from rocket_sim_node.worlds.jobs import Act
+from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import Results
 from rocket_sim_node.worlds.jobs import SerialFleet
+from rocket_sim_node.worlds.jobs import execute
 from rocket_sim_node.worlds.jobs import fly
 
 COPIES = {'start_copies': 4, 'desired_kl': 0.01, 'critic_warmup_iterations': 0}
@@ -69,6 +75,44 @@ def test_equal_returns_give_no_advantage() -> None:
 def test_copies_that_do_not_divide_the_rockets_are_refused() -> None:
     with pytest.raises(ValueError, match=r'start_copies: got 3, expected a divisor of .* 8'):
         EpisodeRollout(8, 3)
+
+
+def recorded_late(env: VectorEnv, flight: Job[Any]) -> Any:
+    """Run a job as over DDS: results are recorded when the next command has been sent."""
+    waiting: list[tuple[Callable[[Results], None], Results]] = []
+    answer: Any = None
+    try:
+        while True:
+            command = flight.send(answer)
+            for record, results in waiting:
+                record(results)
+            waiting = []
+            if isinstance(command, Act):
+                answer, *results = env.step(command.action)
+                waiting.append((command.record, tuple(results)))
+            else:
+                answer = execute(env, command)
+    except StopIteration as end:
+        return end.value
+
+
+@pytest.mark.parametrize('exploration', ['independent', 'state_dependent'])
+def test_results_that_are_recorded_late_make_the_same_roll_out(exploration: str) -> None:
+    env = make('rocket', 8, level=3)
+    learner = Learner(env.spec, load_preset(
+        'default', hidden_sizes=[8], log_std_init=-1.0, exploration=exploration))
+    found = []
+    for run in (fly, recorded_late):
+        rollout = EpisodeRollout(8, 4)
+        ended, state = run(env, rollout.flight(
+            0, Reset(1, {'spawn_copies': 4}), learner.policy, torch.Generator().manual_seed(2)))
+        batch = rollout.batch(learner.critic, 0.99, 0.95, 1.0)
+        found.append([
+            state, rollout.steps, *(tensor.numpy().tobytes() for tensor in batch),
+            *((step, episodes.episode_return.tolist()) for step, episodes in ended)])
+    assert found[0] == found[1]
+    if exploration == 'independent':
+        assert found[0][1] > 8 * 256  # random numbers are drawn 128 steps at a time
 
 
 @pytest.mark.parametrize('exploration', ['independent', 'state_dependent'])
