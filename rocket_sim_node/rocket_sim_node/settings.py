@@ -95,9 +95,10 @@ def whole_number(name: str, value: object, low: int, high: int, shown_high: str 
 
 def _number(info: SettingInfo, value: object, *, whole: bool) -> float:
     # Arrays and tensors can be converted as well, but only those of one number.
-    if isinstance(value, bool | str) or not hasattr(value, '__float__') or _shape(value):
+    if (isinstance(value, bool | str) or not hasattr(value, '__float__') or _shape(value)
+            or getattr(getattr(value, 'dtype', None), 'kind', 'f') not in 'fiu'):
         raise TypeError(
-            f'{info.name}: got {" ".join(repr(value).split())}, expected a number')
+            f'{info.name}: got {" ".join(repr(value).split()):.200}, expected a number')
     # Not via float, which would round whole numbers above 2**53.
     number = int(value) if whole and isinstance(value, Integral) else as_float(value)
     finite = isinstance(number, int) or math.isfinite(number)

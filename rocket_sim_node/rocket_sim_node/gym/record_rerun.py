@@ -81,9 +81,9 @@ class RecordRerun(VectorWrapper):
         if not chosen.rows or max(chosen.rows) >= env.num_envs:
             raise ValueError(
                 f'rows: got {chosen.rows}, expected numbers from 0 to {env.num_envs - 1}')
-        if output and not isinstance(output, str | Path):
+        if not isinstance(output, str | Path | None):
             raise TypeError(f'output: got {output!r:.80}, expected the name of a file')
-        if connect and not isinstance(connect, str):
+        if not isinstance(connect, str | None):
             raise TypeError(f'connect: got {connect!r:.80}, expected a URL')
         if not output and not connect:
             raise ValueError("output: got '', expected a file, or a URL in connect")

@@ -151,7 +151,7 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
 
     @property
     def reseeded(self) -> bool:
-        """Whether the user has set `np_random` since the last reset."""
+        """Whether the user has set another `np_random` since the last reset."""
         # Gymnasium gives generators of unknown seed the seed -1.
         return self.np_random_seed == -1 and self.np_random is not self._drawn
 
@@ -161,7 +161,7 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         """Start new episodes of all environments; return observation `(N, D)` and no info.
 
         :param seed: of the starts, 0 to 2**63 - 1; None: the next episodes of the current seed, or
-            of one that is drawn from `np_random`, if you have set that since the last reset.
+            of one drawn from `np_random`, if you have set another one since the last reset.
         :param options: settings that a reset may change, such as `level` and `conditions`
             (`worlds.reset_settings`), until the next reset.
         :raises ValueError: for an unknown option or a value that is out of range.

@@ -84,7 +84,10 @@ class LatestAnswers(Answers):
         return self._newest > 0
 
     def observe(self) -> bool:
-        """Read what has arrived; return whether a step is complete: only then is it the newest."""
+        """Read what has arrived; return whether a step is complete.
+
+        Only then is it known which step is the newest.
+        """
         return self.collect()
 
     def take_observation(self) -> tuple[int, F32]:

@@ -80,7 +80,7 @@ def observe(
     found = np.array([
         _observed(place, motion, touch, sine, cosine, math.sqrt)
         for place, motion, touch, sine, cosine in zip(
-            *(array.tolist() for array in arrays), strict=True)])
+            *(array.tolist() for array in arrays), strict=True)]).reshape(-1, 9)
     return found[:, :8].astype(np.float32), found[:, 8]
 
 

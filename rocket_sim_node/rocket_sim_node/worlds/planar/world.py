@@ -92,11 +92,12 @@ class RocketPlanarWorld(RocketWorld):
 
         :raises ValueError: when they make landing or flight impossible.
         """
-        if contact_model.rest_steps(settings) > _most_steps_down(settings):
+        rest, most = contact_model.rest_steps(settings), _most_steps_down(settings)
+        if rest > most:
             raise ValueError(
-                f"setting 'rest_time': got {settings.rest_time}, expected at most "
-                f'touchdown_limit, {settings.touchdown_limit} s, and both a step of '
-                f'{settings.dt} s or more')
+                f"setting 'rest_time': got {settings.rest_time}, which takes {rest} steps of "
+                f'{settings.dt} s, expected at most the {most} of touchdown_limit, '
+                f'{settings.touchdown_limit} s')
         widest = np.deg2rad(min(spawn.spawn_range(settings).angle, settings.tilt_limit))
         lean = np.linspace(0.0, widest, 91)
         corners = np.array([*vehicle.feet(settings), *vehicle.hull(settings)])

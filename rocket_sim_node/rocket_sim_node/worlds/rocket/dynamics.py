@@ -145,7 +145,8 @@ class RocketDynamics(StateCapture):
             self.spin[1] *= yaw_kept
             self.attitude = rotation.integrate(self.attitude, self.spin, dt)
         self.log.note_flight(
-            first_speed, self.position[1], throttle, self.engines.lit, s.touchdown_height)
+            first_speed, self.position[1], self.engines.throttle, self.engines.lit,
+            s.touchdown_height)
 
     def observe(self) -> F32:
         """Return the observation `(N, D)` of the current state."""

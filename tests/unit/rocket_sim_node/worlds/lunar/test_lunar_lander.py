@@ -408,6 +408,16 @@ def test_wind_follows_its_pattern_until_a_leg_touches() -> None:
     assert np.array_equal(windy._wind[:, 25:], still[:, 25:] + 1)
 
 
+def test_few_landers_in_the_wind_fly_as_one_of_many() -> None:
+    """Their formulas are computed lander by lander (see `engines.FEW`), with the same bits."""
+    few, many = (make(n, seed=4, continuous=True, enable_wind=True) for n in (3, 30))
+    throttles = np.random.default_rng(1).uniform(-1.2, 1.2, (300, 30, 2))
+    for action in throttles:
+        ours, theirs = few.step(action[:3]), many.step(action)
+        for one, other in zip(ours[:4], theirs[:4], strict=True):
+            assert one.tobytes() == other[:3].tobytes()
+
+
 def test_wind_pushes_the_centre_of_the_hull() -> None:
     """It is 0.3 mm above the centre of gravity of hull and legs, 12.5 mm with legs drawn in."""
     calm, windy = make(20, seed=6), make(20, seed=6, enable_wind=True, turbulence_power=0.0)

@@ -468,8 +468,10 @@ def test_a_start_with_a_foot_in_the_ground_is_refused() -> None:
         worlds.make('rocket_planar', spawn_height=15.0, spawn_angle=170.0, tilt_limit=180.0)
     with pytest.raises(ValueError, match='rest_time'):
         worlds.make('rocket_planar', rest_time=6.0)
-    with pytest.raises(ValueError, match=r'and both a step of 0\.02 s or more'):
+    with pytest.raises(ValueError, match=r'takes 1 steps of 0\.02 s, expected at most the 0'):
         worlds.make('rocket_planar', rest_time=0.0, touchdown_limit=0.01)
+    with pytest.raises(ValueError, match=r'takes 2 steps of 0\.02 s, expected at most the 1'):
+        worlds.make('rocket_planar', rest_time=0.03, touchdown_limit=0.03)
     worlds.make('rocket_planar', rest_time=0.0, touchdown_limit=0.02)
 
 

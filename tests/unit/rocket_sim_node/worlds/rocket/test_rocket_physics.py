@@ -101,6 +101,7 @@ def test_the_first_substep_decides_on_hovering_and_reported_throttle() -> None:
         fly(world, 1, FULL)
         assert world.fuel[0] == 0.0
         assert world.telemetry(np.arange(1)).throttle[0] == 1.0
+    assert one.log.hover[0] == many.log.hover[0] == 1
     slow, fast = (upright(dt=0.1, substeps=10, max_thrust=2e6) for _ in range(2))
     slow.velocity[1], fast.velocity[1] = -1.9, 2.1
     for world, hover in ((slow, 1), (fast, 0)):
