@@ -57,6 +57,8 @@ def test_examples_of_stable_baselines3_say_where_they_save(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     pytest.importorskip('stable_baselines3')
+    # `save` looks for OpenAI's package, and would find the folder of tests of that name.
+    monkeypatch.setitem(sys.modules, 'gym', None)
     monkeypatch.setattr(sys, 'argv', [
         f'{example}.py', '--num-envs', '1', '--steps', '1', '--output', str(tmp_path / 'model')])
     runpy.run_path(str(EXAMPLES / f'{example}.py'), run_name='__main__')
