@@ -16,7 +16,7 @@ from rocket_sim_node.gym.vector_env import HoverslamVectorEnv
 from rocket_sim_node.settings import as_float
 from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds import snapshots
-from rocket_sim_node.worlds.actions import form_error
+from rocket_sim_node.worlds.actions import check_form
 from rocket_sim_node.worlds.base import F32
 
 METADATA: dict[str, Any] = {'render_modes': list(keywords.RENDER_MODES), 'render_fps': 50}
@@ -83,11 +83,10 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
         """Advance by one step; see `HoverslamVectorEnv.step`."""
         if self._next is not None:
             raise gymnasium.error.ResetNeeded('step: the episode has ended, expected a reset')
-        action, space = keywords.actions(action, self.action_space.shape), self.action_space
-        continuous = self.world_spec.continuous
+        shape = self.action_space.shape or ()
+        action = keywords.actions(action, shape)
         # The world would name the shapes of a batch of one.
-        if action.shape != space.shape or action.dtype.kind not in ('fiu' if continuous else 'iu'):
-            raise form_error(action, space.shape or (), continuous=continuous)
+        check_form(action, shape, continuous=self.world_spec.continuous)
         observation, reward, terminated, truncated, info = self._envs.step(action[None])
         last = observation[0]
         found = {}

@@ -61,23 +61,22 @@ def commanded(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
     return np.clip(action.astype(np.float64), -_LARGEST, _LARGEST).astype(np.float32)
 
 
-def form_error(
-    action: NDArray[Any], shape: tuple[int, ...], *, continuous: bool,
-) -> ValueError:
-    """Return the error of actions of a wrong shape or type.
+def check_form(action: NDArray[Any], shape: tuple[int, ...], *, continuous: bool) -> None:
+    """Check the shape and the type of actions.
 
     :param shape: the expected one.
+    :raises ValueError: for another one, or a type that is not of numbers.
     """
-    kind = 'numbers' if continuous else 'whole numbers'
-    return ValueError(
-        f'action: got {action.dtype} of shape {action.shape}, expected {kind} of shape {shape}')
+    kinds, numbers = ('fiu', 'numbers') if continuous else ('iu', 'whole numbers')
+    if action.shape != shape or action.dtype.kind not in kinds:
+        raise ValueError(
+            f'action: got {action.dtype} of shape {action.shape}, '
+            f'expected {numbers} of shape {shape}')
 
 
 def _finite(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
     """Return continuous actions after checking their shape and that they are finite."""
-    shape = (spec.num_envs, len(spec.action_names))
-    if action.shape != shape or action.dtype.kind not in 'fiu':
-        raise form_error(action, shape, continuous=True)
+    check_form(action, (spec.num_envs, len(spec.action_names)), continuous=True)
     if not np.isfinite(action).all():
         row, column = np.argwhere(~np.isfinite(action))[0]
         raise ValueError(
@@ -89,8 +88,7 @@ def _finite(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
 
 def _choices(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
     """Return discrete actions after checking that they exist."""
-    if action.shape != (spec.num_envs,) or action.dtype.kind not in 'iu':
-        raise form_error(action, (spec.num_envs,), continuous=False)
+    check_form(action, (spec.num_envs,), continuous=False)
     if ((action < 0) | (action >= spec.action_count)).any():
         row = int(np.argmax((action < 0) | (action >= spec.action_count)))
         raise ValueError(
