@@ -42,7 +42,7 @@ def seen_height(observation: NDArray[np.floating]) -> F64:
 def hull_origin(pose: F64) -> tuple[F64, F64]:
     """Return the positions of the hulls' origins, `(K,)` m each, from body poses `(K, 3)`."""
     x, y, angle = pose.T
-    return x + np.sin(angle) * vehicle.BODY_CENTRE, y - np.cos(angle) * vehicle.BODY_CENTRE
+    return _origin(x, y, np.sin(angle), np.cos(angle))
 
 
 def hull_velocity(pose: F64, velocity: F64, point: float) -> tuple[F64, F64]:
@@ -51,9 +51,20 @@ def hull_velocity(pose: F64, velocity: F64, point: float) -> tuple[F64, F64]:
     :param pose: `(K, 3)` m, m, rad, and `velocity` `(K, 3)` m/s, m/s, rad/s of their bodies.
     :param point: its height above the hull's origin, m.
     """
-    arm = velocity[:, 2] * (point - vehicle.BODY_CENTRE)
-    return (
-        velocity[:, 0] - arm * np.cos(pose[:, 2]), velocity[:, 1] - arm * np.sin(pose[:, 2]))
+    angle = pose[:, 2]
+    return _point_velocity(velocity.T, np.sin(angle), np.cos(angle), point)
+
+
+def _origin(x: Any, y: Any, sin: Any, cos: Any) -> tuple[Any, Any]:
+    """Return the origin of one hull, or of `(K,)`, from the position of its body; see `FEW`."""
+    return x + sin * vehicle.BODY_CENTRE, y - cos * vehicle.BODY_CENTRE
+
+
+def _point_velocity(velocity: Any, sin: Any, cos: Any, point: float) -> tuple[Any, Any]:
+    """Return the velocity of a point of one hull, or of `(K,)`; see `hull_velocity`."""
+    x, y, spin = velocity
+    arm = spin * (point - vehicle.BODY_CENTRE)
+    return x - arm * cos, y - arm * sin
 
 
 def tilt(pose: F64) -> F64:
@@ -91,14 +102,14 @@ def _observed(
 
     Each of pose, velocity and touching is a sequence of three.
     """
-    (x, y, angle), (velocity_x, velocity_y, spin), (_, left, right) = pose, velocity, touching
+    (x, y, angle), (_, _, spin), (_, left, right) = pose, velocity, touching
     # As in Gymnasium: the position of the hull's origin, the velocity of its centre of gravity.
-    arm = spin * (vehicle.HULL_CENTRE - vehicle.BODY_CENTRE)
-    x = (x + sin * vehicle.BODY_CENTRE) / vehicle.HALF_WIDTH
-    y = (y - cos * vehicle.BODY_CENTRE - vehicle.PAD_HEIGHT - vehicle.LEG_DOWN) / (
-        vehicle.HALF_HEIGHT)
-    velocity_x = (velocity_x - arm * cos) * (vehicle.HALF_WIDTH / _FRAMES)
-    velocity_y = (velocity_y - arm * sin) * (vehicle.HALF_HEIGHT / _FRAMES)
+    x, y = _origin(x, y, sin, cos)
+    velocity_x, velocity_y = _point_velocity(velocity, sin, cos, vehicle.HULL_CENTRE)
+    x /= vehicle.HALF_WIDTH
+    y = (y - vehicle.PAD_HEIGHT - vehicle.LEG_DOWN) / vehicle.HALF_HEIGHT
+    velocity_x *= vehicle.HALF_WIDTH / _FRAMES
+    velocity_y *= vehicle.HALF_HEIGHT / _FRAMES
     potential = 10 * (right + left) - 100 * (
         sqrt(x * x + y * y) + sqrt(velocity_x * velocity_x + velocity_y * velocity_y)
         + abs(angle))
