@@ -6,6 +6,7 @@ before it is done, it says so and waits, because a run may be resumed.
 """
 from __future__ import annotations
 
+import math
 import time
 
 from rclpy.executors import Executor
@@ -34,14 +35,14 @@ wait in a queue when this process was stopped."""
 def watch(node: Node, executor: Executor) -> None:
     """Show reports until the run is done or this process is asked to stop."""
     Parameters(node).finish()
-    done = present = False
-    status, heard = Status(), 0.0
+    done = False
+    status, heard = Status(), math.inf  # infinite: nothing to miss
     with Terminal() as terminal:
         def on_status(message: TrainingStatus) -> None:
-            nonlocal done, present, status, heard
+            nonlocal done, status, heard
             status, heard = status_from_message(message), time.monotonic()
             terminal.show(status)
-            done, present = done or status.stage == 'done', True
+            done = done or status.stage == 'done'
 
         node.create_subscription(TrainingStatus, 'training', on_status, qos.EVENTS)
         topic = node.resolve_topic_name('training')
@@ -51,9 +52,8 @@ def watch(node: Node, executor: Executor) -> None:
         while not done and not stopping.requested():
             executor.spin_once(timeout_sec=_SPIN_PERIOD)
             terminal.tick()
-            silent = time.monotonic() - heard > _SILENCE
-            if present and silent and not node.count_publishers(topic):
-                present = False
+            if time.monotonic() - heard > _SILENCE and not node.count_publishers(topic):
+                heard = math.inf
                 terminal.say(f'the training has stopped: nobody reports on {topic}', 'yellow')
                 terminal.wait_for(report, status)
 

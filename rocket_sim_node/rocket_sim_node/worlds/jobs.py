@@ -150,8 +150,8 @@ def no_command(found: object) -> TypeError:
         f'job: got {type(found).__name__}, expected Reset, Restore, Snapshot, Act or an array')
 
 
-def check_last(command: Command) -> None:
-    """Check the last command of a job.
+def check_last(command: Command | None) -> None:
+    """Check the last command of a job, None if it yielded none.
 
     :raises TypeError: when it leaves results to be recorded.
     """
@@ -190,7 +190,7 @@ def fly(
     :raises EnvironmentRestarted: when the job's progress is lost.
     """
     last = last or LastSnapshot()
-    command: Command = Snapshot()
+    command: Command | None = None
     answer: Any = None
     try:
         while True:

@@ -372,10 +372,10 @@ class Connection:
         self._call = None
         if isinstance(command, Act | np.ndarray):
             self._spoke = self.heard = time.monotonic()
+            answer: Any
             if isinstance(command, Act):
-                self.step, observation = self._answers.take_observation()
+                self.step, answer = self._answers.take_observation()
                 self._acted = command
-                answer: Any = observation
             else:
                 self.step, answer = self._answers.take()
             self._flying, self._lost = True, False

@@ -117,11 +117,10 @@ class RocketDynamics(StateCapture):
         yaw_kept = (1.0 - s.yaw_damping) ** (1.0 / s.substeps)
         if v.disturbed:
             self.disturbance[::2] = v.side + self.gust
-        if s.substeps > 1:
-            throttle = throttle.copy()  # that of the step is reported, even if fuel runs out in it
         for substep in range(s.substeps):
             if substep:
-                throttle *= self.fuel > 0.0
+                # Not in place: that of the step is reported, even if fuel runs out in it.
+                throttle = throttle * (self.fuel > 0.0)
             per_mass = dt / (self.fuel + v.dry_mass)
             speed = rotation.norm(self.velocity)
             if not substep:
