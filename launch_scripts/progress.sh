@@ -56,7 +56,11 @@ end_tick() {
 
 # end_step: interrupts the command of a step, and kills what is left of it after five seconds.
 end_step() {
-  local tries
+  local tries job
+  # A signal may arrive when the command has started and `working` is not set yet.
+  for job in $(jobs -p); do
+    [[ $job == "$ticker" ]] || working=$job
+  done
   [[ -n $working ]] || return 0
   # If it has no group yet, it has not begun.
   kill -INT -- "-$working" 2> /dev/null || kill "$working" 2> /dev/null || true

@@ -312,6 +312,22 @@ def test_an_interrupted_set_up_is_reported_and_can_continue(
     assert project.calls() == _ALL
 
 
+def test_an_interruption_while_a_command_starts_ends_the_command(project: Project) -> None:
+    script = project.root / 'launch_scripts/progress.sh'
+    text = script.read_text()
+    noted = '  working=$!\n'
+    assert text.count(noted) == 1
+    signals = '  [[ $text != Installing* ]] || kill -TERM "$$"\n'
+    script.write_text(text.replace(noted, signals + noted))
+    process = project.start(PIP_SECONDS='30')
+    output, _ = process.communicate(timeout=20)
+    assert process.returncode == 143, output
+    script.write_text(text)
+    project.calls()
+    assert project.run()[0] == 0
+    assert project.calls() == _ALL
+
+
 def test_two_set_ups_at_once_do_the_work_once(project: Project) -> None:
     both = [project.start(PIP_SECONDS='0.3') for _ in range(2)]
     outputs = [process.communicate(timeout=60)[0] for process in both]
