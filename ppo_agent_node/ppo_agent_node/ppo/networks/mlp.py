@@ -216,13 +216,14 @@ def quick(
 
     In flight a batch is a few hundred observations, for which module calls take as long as the
     arithmetic. The function uses the current values of the weights, but not parameters that
-    replace them. It takes from now which entries have a `width`. The outputs are tensors of
-    PyTorch's inference mode: they take no part in gradients.
+    replace them. It takes from now which entries have a `width`, and the scales of the features.
+    The outputs are tensors of PyTorch's inference mode: they take no part in gradients.
 
     :param layers: what `Perceptron.without_gradients` or one of its parts computes.
     """
     bends = [(int(k), normaliser.width[k]) for k in normaliser.width.nonzero()[:, 0]]
-    mean, scale, features = normaliser.mean, normaliser.scale, normaliser.features
+    mean, scale = normaliser.mean, normaliser.scale
+    features = normaliser.features and normaliser.features.in_flight()
 
     @torch.inference_mode()
     def output(observation: Tensor) -> Tensor:

@@ -2,6 +2,7 @@
 """Categorical policy for discrete actions: softmax over a network's outputs."""
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from collections.abc import Sequence
 
@@ -113,10 +114,10 @@ def _finite(log_p: Tensor) -> Tensor:
 
     :raises ValueError: when one is not finite.
     """
-    bad = ~log_p.isfinite().all(-1)
-    if bool(bad.any()):
-        raise ValueError(
-            f'policy: the probabilities of row {int(bad.nonzero()[0, 0])} are not finite')
+    # Their sum is finite, unless one of them is not or they are too large to be added.
+    if not math.isfinite(float(log_p.sum())):
+        for row in (~log_p.isfinite().all(-1)).nonzero()[:1, 0].tolist():
+            raise ValueError(f'policy: the probabilities of row {row} are not finite')
     return log_p
 
 

@@ -91,6 +91,23 @@ def test_the_fast_path_normalises_as_the_module_does() -> None:
     assert normaliser(observation).shape == (4, 15 + features().count)
 
 
+@pytest.mark.parametrize('kind', ['descent', 'guidance'])
+@pytest.mark.parametrize('shape', [(15,), (1, 15), (3, 15), (16, 15), (257, 15), (2, 5, 15)])
+def test_in_flight_the_features_are_the_same_bit_for_bit(
+    kind: str, shape: tuple[int, ...],
+) -> None:
+    """Also below the ground, in a climb, and at speeds far beyond those of a descent."""
+    generator = torch.Generator().manual_seed(3)
+    module = make_features(kind, SPEC.observation_names, SPEC.settings)
+    assert module is not None
+    in_flight = module.in_flight()
+    for scale in (1e-6, 1.0, 1e3):
+        observation = scale * torch.randn(shape, generator=generator)
+        assert torch.equal(in_flight(observation), module(observation))
+    observation.fill_(math.nan)
+    assert bool(in_flight(observation).isnan().all())
+
+
 def test_a_policy_file_keeps_its_features_and_older_files_have_none(tmp_path: Path) -> None:
     config = load_preset('default', features='descent', hidden_sizes=(16,))
     policy = Learner(SPEC, config).policy
