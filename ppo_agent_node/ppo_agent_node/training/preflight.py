@@ -31,8 +31,8 @@ def try_starts(fly: Fly, config: Config) -> None:
     if curriculum.curriculum_wide_level:
         starts['curriculum_wide_level'] = curriculum.reset_settings(final, group=1)
     if curriculum.curriculum_start_reach:
-        starts['curriculum_start_reach'] = {
-            **curriculum.reset_settings(first), 'spawn_reach': curriculum.curriculum_start_reach}
+        starts['curriculum_start_reach'] = {  # of the final level, which leans most
+            **curriculum.reset_settings(final), 'spawn_reach': curriculum.curriculum_start_reach}
     if demonstration.demonstration_episodes:
         starts['demonstrations'] = start_settings(curriculum, demonstration)
     for whose, settings in starts.items():

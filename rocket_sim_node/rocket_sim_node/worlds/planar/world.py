@@ -98,15 +98,12 @@ class RocketPlanarWorld(RocketWorld):
                 f"setting 'rest_time': got {settings.rest_time}, which takes {rest} steps of "
                 f'{settings.dt} s, expected at most the {most} of touchdown_limit, '
                 f'{settings.touchdown_limit} s')
-        widest = np.deg2rad(min(spawn.spawn_range(settings).angle, settings.tilt_limit))
-        lean = np.linspace(0.0, widest, 91)
-        corners = np.array([*vehicle.feet(settings), *vehicle.hull(settings)])
-        reach = -contact_model.heights(
-            corners, np.zeros_like(lean), np.sin(lean), np.cos(lean)).min()
-        if settings.spawn_height <= reach:
+        least = _least_spawn_height(settings)
+        if settings.spawn_height <= least:
             raise ValueError(
                 f"setting 'spawn_height': got {settings.spawn_height}, expected more than "
-                f'{reach:.3f} m, where foot or hull could touch')
+                f'{least:.3f} m, where foot or hull could touch'
+                f"{', as spawn_reach is not 0' if settings.spawn_reach else ''}")
         super()._use(settings, seed)
 
     # Axes of the pilot
@@ -300,6 +297,23 @@ class RocketPlanarWorld(RocketWorld):
              if name.removeprefix(_PREFIX) not in own}, ours)
         self._struck[:] = False
         self._turn_axes(self.rows)
+
+
+def _least_spawn_height(settings: PlanarSettings) -> float:
+    """Return the spawn height, m, above which all starts keep foot and hull off the ground."""
+    angle = np.deg2rad(spawn.spawn_range(settings).angle)
+    widest = min(angle, np.deg2rad(settings.tilt_limit))
+    # Denser towards 0: the lowest starts lean least.
+    lean = widest * np.linspace(0.0, 1.0, 2001)**2
+    corners = np.array([*vehicle.feet(settings), *vehicle.hull(settings)])
+    reach = -contact_model.heights(corners, np.zeros_like(lean), np.sin(lean), np.cos(lean)).min(1)
+    least = float(reach.max())
+    if settings.spawn_reach and widest:
+        # A lower start leans less in proportion, but its feet are nearer to the ground as well.
+        ground = settings.touchdown_height
+        slope = ((reach[1:] - ground) / lean[1:]).max()
+        least = max(least, float(ground + angle * slope))
+    return least
 
 
 def _most_steps_down(settings: PlanarSettings) -> int:

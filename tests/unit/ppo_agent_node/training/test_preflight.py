@@ -54,7 +54,7 @@ def test_a_refused_start_names_the_setting_that_requires_it() -> None:
         preflight.try_starts(Simulators(HARSH).fly, ROBUST)
     with pytest.raises(ValueError, match=r'^curriculum, level 7: no such weather here$'):
         preflight.try_starts(Simulators(MIX).fly, ROBUST)
-    reverse = load_preset('from_scratch')
+    reverse = load_preset('from_scratch', curriculum_start_level=3)
     reached = {'level': 7, 'spawn_reach': reverse.curriculum.curriculum_start_reach}
     with pytest.raises(ValueError, match=r'^curriculum_start_reach: no such weather here$'):
         preflight.try_starts(Simulators(reached).fly, reverse)

@@ -19,8 +19,10 @@ from rocket_sim_node import worlds
 from rocket_sim_node.telemetry.capture import Telemetry
 from rocket_sim_node.worlds import registry
 from rocket_sim_node.worlds.base import Episodes
+from rocket_sim_node.worlds.planar import contact_model
 from rocket_sim_node.worlds.planar.vehicle import PlanarSettings
 from rocket_sim_node.worlds.planar.world import RocketPlanarWorld
+from rocket_sim_node.worlds.rocket import rotation
 from rocket_sim_node.worlds.rocket import spawn
 from rocket_sim_node.worlds.rocket.world import RocketWorld
 
@@ -473,6 +475,35 @@ def test_a_start_with_a_foot_in_the_ground_is_refused() -> None:
     with pytest.raises(ValueError, match=r'takes 2 steps of 0\.02 s, expected at most the 1'):
         worlds.make('rocket_planar', rest_time=0.03, touchdown_limit=0.03)
     worlds.make('rocket_planar', rest_time=0.0, touchdown_limit=0.02)
+
+
+@pytest.mark.parametrize(('angle', 'tilt_limit', 'least'), [
+    (35.0, 45.0, HEIGHT + STANCE * np.deg2rad(35.0)),
+    (170.0, 45.0, HEIGHT + STANCE * np.deg2rad(170.0)),
+    (170.0, 180.0, 37.578)])
+def test_low_starts_keep_clear_of_the_ground(
+    angle: float, tilt_limit: float, least: float,
+) -> None:
+    """The feet's limit is at the lowest starts, where sines equal angles; the nose's is higher."""
+    given = {'spawn_angle': angle, 'tilt_limit': tilt_limit}
+    rows = np.arange(20_000)
+    for reach in (0.5, 2.9):
+        message = f"'spawn_height': got .*than {least:.3f} m, .*, as spawn_reach is not 0$"
+        with pytest.raises(ValueError, match=message):
+            make(spawn_reach=reach, spawn_height=least - 0.001, **given)
+        world = make(spawn_reach=reach, spawn_height=least + 0.001, **given)
+        task = world.settings
+        low = spawn.draw(1, rows, rows, spawn.spawn_range(task), task, in_plane=True)
+        up = rotation.up_vector(low.attitude)
+        assert (contact_model.heights(world._corners, low.position[1], -up[0], up[1]) > 0).all()
+
+
+def test_a_reset_to_low_starts_in_the_ground_changes_nothing() -> None:
+    world = make(spawn_height=8.6)
+    before = world.snapshot()
+    with pytest.raises(ValueError, match='as spawn_reach is not 0'):
+        world.reset(spawn_reach=1.0)
+    assert world.snapshot() == before
 
 
 def test_contact_ends_with_the_episode() -> None:
