@@ -24,6 +24,9 @@ LEFT, RIGHT = 0, 1
 
 _BOTTOM = 2.4
 """m, lower end of the hull below the origin; at most half of the legs' height."""
+_CLEARANCE = 0.5
+"""m, minimum height of the hull above the feet: a step brings the feet into the ground before
+contact is found, and a hull so low that it gets there, too, would always tip the rocket over."""
 _OUTLINE = ((1.70, None), (1.85, -1.6), (1.85, 36.2), (1.25, 37.5))
 """m, corners of the hull: half-width and height, None for the bottom."""
 _VEHICLE, _GROUND = 0x2, 0x1
@@ -84,7 +87,8 @@ def foot_height(
 
 def hull_bottom(settings: PlanarSettings) -> float:
     """Return the height of the hull's lower end relative to the origin, m."""
-    return -min(_BOTTOM, settings.touchdown_height / 2)
+    legs = settings.touchdown_height
+    return max(-min(_BOTTOM, legs / 2), _CLEARANCE - legs)
 
 
 def hull(settings: PlanarSettings) -> tuple[tuple[float, float], ...]:

@@ -213,6 +213,23 @@ def test_other_ends_of_a_touchdown(
         assert episodes.length[0] == 1 + 250
 
 
+@pytest.mark.parametrize(('touchdown_height', 'dt'), [
+    (0.0, 0.02), (0.05, 0.02), (0.05, 0.1), (HEIGHT, 0.02)])
+def test_rockets_with_short_legs_can_land(touchdown_height: float, dt: float) -> None:
+    """At 2 m/s, wherever the step ends that brings the feet to the ground or below."""
+    world = make(16, touchdown_height=touchdown_height, dt=dt, level=1, spawn_angle=0.0)
+    world.position[1] = touchdown_height + np.linspace(0.001, 2.0 * dt, 16)
+    world.velocity[1] = -2.0 + world.settings.gravity * dt
+    found = np.full(16, -1)
+    for _ in range(round(6.0 / dt)):
+        episodes = world.step(np.tile((-1.0, 0.0, 0.0), (16, 1)))[4]['episodes']
+        new = found[episodes.row] < 0
+        found[episodes.row[new]] = episodes.outcome[new]
+        if (found >= 0).all():
+            break
+    assert [world.spec.outcomes[code] for code in found] == ['landed'] * 16
+
+
 def test_a_rocket_on_its_side_has_tipped() -> None:
     """The hull is first to touch."""
     world = make(tilt_limit=180.0)
