@@ -45,10 +45,10 @@ _MEANING = {
                     'noise. Where the force is not known, its first covariance is -1.',
     'rocket_*/joint_states': 'Joint `throttle`: position 0 to 1, effort the thrust, N. In '
                              '`lunar_lander` also the legs, rad outwards.',
-    'rocket_*/wrench': 'Force of the engines, N, and torque of the attitude control, N m, in the '
-                       'body frame.',
+    'rocket_*/wrench': 'Force of the engines, N, and torque of the attitude control (in '
+                       '`lunar_lander`, of the side engines), N m, in the body frame.',
     'rocket_*/wind': 'Side acceleration and gusts, m/s², in frame `world`; a steady wind acts '
-                     'through the drag.',
+                     'through the drag. In `lunar_lander`, the acceleration by the wind.',
     'rocket_*/conditions': 'Values drawn for the episode, by name.',
     'rocket_*/markers': 'Flame, path, wind, label and, in `lunar_lander`, the ground.',
     'robot_description': 'Model of the vehicle as URDF, equal for all rockets.',

@@ -28,11 +28,12 @@ from rocket_sim_node.worlds.rocket.conditions import ConditionSettings
 F64 = NDArray[np.float64]
 
 ARROW = 25.0
-"""m of arrow for 1 m/s^2, for a vehicle as large as drawn."""
-IN_FRONT = 8.0
-"""m, distance of the arrow in front of the vehicle, which has a radius, in planar worlds."""
+"""m of arrow for 1 m/s^2, for a rocket as large as drawn."""
 _HEIGHT = rocket_model.NOSE / 2
-"""m above the vehicle's origin at which the arrow begins."""
+_ARROWS = {'rocket_planar': (ARROW, 8.0, _HEIGHT), 'lunar_lander': (5.0, 3.0, 8.0)}
+"""Of the arrow in planar worlds: m for 1 m/s^2; m of its origin in front of the vehicle, which has
+a radius, and above the vehicle's origin; for a vehicle as large as drawn."""
+_SPATIAL = (ARROW, 0.0, _HEIGHT)
 _INFOS = {
     info.name.removesuffix(LOW): info for info in settings.describe(ConditionSettings)
     if info.name.endswith(LOW)}
@@ -109,10 +110,10 @@ def _towards(name: str, value: float, found: dict[str, float], info: WorldInfo) 
 
 def log_style(stream: rr.RecordingStream, info: WorldInfo, *, plotted: bool = True) -> None:
     """Log the style of the disturbance arrow and of the plots' lines."""
-    in_front = IN_FRONT if info.world == 'rocket_planar' else 0.0
+    _, in_front, height = _ARROWS.get(info.world, _SPATIAL)
     stream.log(entities.DISTURBANCE, rr.Arrows3D.from_fields(
         colors=[palette.YELLOW], radii=[0.35 * info.scale],
-        origins=[(0.0, -in_front * info.scale, _HEIGHT * info.scale)]), static=True)
+        origins=[(0.0, -in_front * info.scale, height * info.scale)]), static=True)
     if plotted:
         plots.log_styles(stream, entities.ROCKET, plots.UNUSUALS)
 
@@ -129,7 +130,8 @@ def log_conditions(
     if not flight.disturbance.any():
         return
     # In the body frame, with which the entity moves; a last row removes the arrow.
-    vectors = frames.to_body(flight.orientation, ARROW * info.scale * flight.disturbance)
+    length, _, _ = _ARROWS.get(info.world, _SPATIAL)
+    vectors = frames.to_body(flight.orientation, length * info.scale * flight.disturbance)
     stream.send_columns(
         entities.DISTURBANCE, at.times(np.arange(n + 1), info.dt),
         rr.Arrows3D.columns(vectors=vectors.astype(np.float32)).partition(

@@ -91,3 +91,15 @@ class Engines:
         y = y + cos * vehicle.SIDE_ENGINE_HEIGHT
         torque = torque + ((x - centre_x) * side_y - (y - centre_y) * side_x)
         return force_x + side_x, force_y + side_y, torque
+
+
+def side_torque(force: F64, sin: F64, cos: F64) -> F64:
+    """Return the torque of the side engines about the hulls' origins, without scatter, `(N,)` N m.
+
+    :param force: `(N,)` N, along the hull's x.
+    :param sin: `(N,)` and `cos` `(N,)` of the hulls' angles.
+    """
+    # Height and skew of the points of action are along the axes of the world.
+    torque: F64 = -force * (
+        vehicle.SIDE_ENGINE_SKEW * sin * sin + vehicle.SIDE_ENGINE_HEIGHT * cos * cos)
+    return torque

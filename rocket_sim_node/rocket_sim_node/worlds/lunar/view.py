@@ -16,6 +16,7 @@ from rocket_sim_node.worlds.base import Bools
 from rocket_sim_node.worlds.lunar import vehicle as vehicle
 from rocket_sim_node.worlds.lunar.engines import FEW
 from rocket_sim_node.worlds.lunar.engines import Engines
+from rocket_sim_node.worlds.lunar.engines import side_torque
 
 OBSERVATION_NAMES = (
     'position_x', 'position_y', 'velocity_x', 'velocity_y', 'angle', 'angular_velocity',
@@ -129,6 +130,7 @@ def telemetry(known: Mapping[str, F64], engines: Engines) -> dict[str, NDArray[A
     x, y = hull_origin(hull)
     half = pose[2] / 2
     flat = np.zeros_like(half)
+    lateral = known['side'] * engines.max_lateral_thrust
     return {
         'position': np.stack((x, y - vehicle.PAD_GROUND, flat)),
         'orientation': np.stack((flat, flat, np.sin(half), np.cos(half))),
@@ -136,7 +138,8 @@ def telemetry(known: Mapping[str, F64], engines: Engines) -> dict[str, NDArray[A
         'angular_velocity': np.stack((flat, flat, velocity[2])),
         'mass': np.full_like(flat, vehicle.TOTAL_MASS),
         'throttle': main, 'commanded_throttle': main, 'thrust': main * engines.max_thrust,
-        'lateral_thrust': known['side'] * engines.max_lateral_thrust,
+        'lateral_thrust': lateral,
+        'torque': np.stack((flat, flat, side_torque(lateral, np.sin(pose[2]), np.cos(pose[2])))),
         'contact_force': np.stack((*known['ground_force'], flat)),
         'contact': known['touching'][1:],
         'leg_angle': np.abs(pose[5::3] - pose[2]) - vehicle.LEG_INNER,

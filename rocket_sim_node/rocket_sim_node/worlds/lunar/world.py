@@ -84,6 +84,8 @@ class LunarLanderWorld(StateCapture):
         self._touching = np.zeros((num_envs, 3), np.bool_)
         self._contact_force = np.zeros((num_envs, 2))
         self._wind = np.zeros((2, num_envs))
+        # Result of the last step, for telemetry only.
+        self.disturbance = np.zeros((3, num_envs))
         self._keys = np.zeros(num_envs, np.uint64)
         self.age = np.zeros(num_envs, np.int64)
         self.episode = np.zeros(num_envs, np.int64)
@@ -201,6 +203,8 @@ class LunarLanderWorld(StateCapture):
         strength = np.tanh(np.sin(2 * place) + np.sin(np.pi * place))
         push = strength[0] * self.settings.wind_power
         lever = (vehicle.HULL_CENTRE - vehicle.BODY_CENTRE) * self._cos[blown]
+        self.disturbance[0] = 0.0
+        self.disturbance[0, blown] = push / vehicle.TOTAL_MASS
         force[blown, 0] += push
         force[blown, 2] += strength[1] * self.settings.turbulence_power - push * lever
         self._wind[:, blown] += 1
@@ -240,6 +244,7 @@ class LunarLanderWorld(StateCapture):
             array[rows] = 0
         self._touching[rows] = False
         self._contact_force[rows] = 0.0
+        self.disturbance[0, rows] = 0.0
         observation, self._shaping[rows] = self._look(rows)
         return observation
 
@@ -322,6 +327,7 @@ class LunarLanderWorld(StateCapture):
         self._main, self._side = np.zeros_like(self._main), np.zeros_like(self._side)
         self.reward = np.zeros_like(self.reward)
         self._contact_force[:] = 0.0
+        self.disturbance[:] = 0.0
         self._finished = self._none_finished
         return self.observe()
 

@@ -18,6 +18,7 @@ from rocket_sim_node.recording import screenshot
 from rocket_sim_node.recording import trajectory_log
 from rocket_sim_node.recording.drawing import entities
 from rocket_sim_node.recording.drawing import planar_view
+from rocket_sim_node.recording.drawing import plots
 from rocket_sim_node.recording.drawing.timepoint import pause_steps
 from rocket_sim_node.recording.drawing.training_plots import Training
 from rocket_sim_node.recording.recorder import Recorder
@@ -172,6 +173,23 @@ def test_the_file_holds_terrain_legs_and_puffs_of_a_lander(tmp_path: Path) -> No
     assert puffs[0][1][0] == pytest.approx([0, -1, 0, 0], abs=1e-6), 'pushed right, blown left'
     assert puffs[1][0] == 30
     assert puffs[1][1][0] == pytest.approx([0, 0, 0, 1])
+
+
+def test_the_wind_of_a_lander_is_an_arrow_and_a_plot(tmp_path: Path) -> None:
+    world, samples = fly(
+        'lunar_lander', 1, 40, lambda _, seen: np.zeros(len(seen), np.int64), enable_wind=True)
+    path, spec = tmp_path / 'wind.rrd', world.spec
+    record(path, WorldInfo.build(spec.name, spec.dt, spec.outcomes, spec.settings), samples)
+    rerun_program.verify(path)
+    vectors = [
+        vectors[0] for _, vectors in rows_of(path, entities.DISTURBANCE, 'Arrows3D:vectors')[:-1]]
+    wind = samples.values[:, FIELDS['disturbance']]
+    assert np.abs(wind[1:, 0]).min() > 0.0
+    np.testing.assert_allclose(
+        np.linalg.norm(vectors, axis=1), 5.0 * LUNAR.scale * np.abs(wind[:, 0]), atol=1e-4)
+    unusual = rows_of(path, entities.ROCKET, plots.UNUSUAL)[:-1]
+    plotted = np.array([records[0]['disturbance'] for _, records in unusual], np.float64)
+    np.testing.assert_allclose(plotted, wind[:, :2], rtol=1e-3)
 
 
 def test_contact_lights_up_and_goes_out(tmp_path: Path) -> None:

@@ -18,6 +18,9 @@ from ppo_agent_node.pilots.lunar_heuristic import LunarHeuristic
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds.lunar import vehicle as vehicle
+from rocket_sim_node.worlds.lunar.engines import Engines
+from rocket_sim_node.worlds.lunar.engines import side_torque
+from rocket_sim_node.worlds.lunar.vehicle import LunarSettings
 from rocket_sim_node.worlds.lunar.world import LANDED
 from rocket_sim_node.worlds.lunar.world import OUT_OF_BOUNDS
 from rocket_sim_node.worlds.lunar.world import TIMEOUT
@@ -607,6 +610,53 @@ def test_telemetry_distinguishes_left_and_right() -> None:
     assert world.observe()[0, 6:].tolist() == [0.0, 1.0]
     left, right = world._lanes.pose[0, 1:, 0]
     assert left < right
+
+
+def test_the_torque_of_the_state_is_that_of_the_side_engines() -> None:
+    """About the hull's origin, where the wrench of the engines acts, at any angle of the hull."""
+    engines = Engines(LunarSettings())
+    angle = np.linspace(-3.0, 3.0, 21)
+    sin, cos = np.sin(angle), np.cos(angle)
+    side = np.where(angle > 1.0, 1.0, -1.0)
+    force = np.zeros((21, 3))
+    engines.push(sin, cos, np.zeros(21), side, np.zeros((2, 21)), force)
+    centre = vehicle.BODY_CENTRE * np.stack((-sin, cos))
+    expected = force[:, 2] + centre[0] * force[:, 1] - centre[1] * force[:, 0]
+    lateral = side * engines.max_lateral_thrust
+    np.testing.assert_allclose(force[:, :2], np.stack((lateral * cos, lateral * sin), axis=1))
+    assert side_torque(lateral, sin, cos) == pytest.approx(expected)
+
+    world = make(1)
+    torque = {}
+    for action in (NOTHING, LEFT, MAIN, RIGHT):
+        world.step(np.array([action]))
+        torque[action] = world.telemetry(slice(None)).torque[0]
+        assert torque[action][:2].tolist() == [0.0, 0.0]
+    assert torque[NOTHING][2] == torque[MAIN][2] == 0.0
+    assert torque[LEFT][2] == pytest.approx(0.6 / 0.02 * 12 / 30 * 14 / 30, rel=0.05)
+    assert torque[RIGHT][2] == pytest.approx(-torque[LEFT][2], rel=0.05)
+
+
+def test_the_state_has_the_acceleration_by_the_wind() -> None:
+    """It acts until a leg touches, and not before the first step."""
+    world = make(50, seed=6, enable_wind=True)
+    assert not world.telemetry(slice(None)).disturbance.any()
+    place = 0.01 * world._wind[0]
+    world.step(np.zeros(50, np.int64))
+    wind = world.telemetry(slice(None)).disturbance
+    strength = np.tanh(np.sin(2 * place) + np.sin(np.pi * place))
+    assert wind[:, 0] == pytest.approx(15.0 * strength / vehicle.TOTAL_MASS)
+    assert not wind[:, 1:].any()
+    world._touching[:25, 1] = True
+    world.step(np.zeros(50, np.int64))
+    wind = world.telemetry(slice(None)).disturbance
+    assert not wind[:25].any()
+    assert wind[25:, 0].all()
+    world.reset(seed=7)
+    assert not world.telemetry(slice(None)).disturbance.any()
+    calm = make(3)
+    calm.step(np.zeros(3, np.int64))
+    assert not calm.telemetry(slice(None)).disturbance.any()
 
 
 def test_tilt_is_that_of_an_upright_lander_however_often_it_turned() -> None:
