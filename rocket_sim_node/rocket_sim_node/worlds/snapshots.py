@@ -58,9 +58,10 @@ def unpack(
     world = str(arrays.pop('world', '?'))
     if world != spec.name:
         raise ValueError(f'snapshot: of world {world!r}, expected {spec.name!r}')
+    held = sorted(arrays)
     arrays = {**before, **arrays}
     if set(arrays) != set(like):
-        raise ValueError(f'snapshot: holds {sorted(arrays)}, expected {sorted(like)}')
+        raise ValueError(f'snapshot: holds {held}, expected {sorted(like)}')
     for name, expected in like.items():
         array = arrays[name]
         shape = expected.shape
@@ -76,6 +77,11 @@ def unpack(
         if array.dtype.kind == 'f' and (np.abs(array) > _LARGEST).any():
             raise ValueError(f'snapshot: {name} has a value beyond {_LARGEST:g}')
     return arrays
+
+
+def zeros(arrays: Arrays) -> Arrays:
+    """Return arrays of zeros, for `before`."""
+    return {name: np.zeros_like(array) for name, array in arrays.items()}
 
 
 def check_counts(arrays: Arrays, *names: str) -> None:

@@ -301,7 +301,8 @@ class LunarLanderWorld(StateCapture):
         ours = self._state_arrays()
         arrays = snapshots.unpack(
             self.spec, state, like=ours,
-            before={name: np.array([value]) for name, value in self.added.items()})
+            before={**snapshots.zeros(self._last_step()),
+                    **{name: np.array([value]) for name, value in self.added.items()}})
         snapshots.check_settings(_unchanging(self.spec.settings), arrays.pop('settings'))
         reach = float(arrays.pop('spawn_reach')[0])
         try:
@@ -324,10 +325,6 @@ class LunarLanderWorld(StateCapture):
         self.terrain, self._keys = start.terrain, start.key
         for row in self.rows.tolist():
             spawn.shape_ground(self._lanes, row, self.terrain[row])
-        self._main, self._side = np.zeros_like(self._main), np.zeros_like(self._side)
-        self.reward = np.zeros_like(self.reward)
-        self._contact_force[:] = 0.0
-        self.disturbance[:] = 0.0
         self._finished = self._none_finished
         return self.observe()
 
@@ -341,7 +338,14 @@ class LunarLanderWorld(StateCapture):
             'settings': np.array(list(_unchanging(self.spec.settings).values()), np.float64),
             'spawn_reach': np.array([self.settings.spawn_reach]),
             **{f'lanes_{name}': array for name, array in self._lanes.arrays().items()},
+            **self._last_step(),
         }
+
+    def _last_step(self) -> dict[str, NDArray[Any]]:
+        """Return results of the last step that only telemetry needs; older snapshots lack them."""
+        return {
+            'main': self._main, 'side': self._side, 'reward': self.reward,
+            'contact_force': self._contact_force, 'disturbance': self.disturbance}
 
 
 def _unchanging(settings: Mapping[str, float]) -> dict[str, float]:

@@ -136,7 +136,9 @@ class RocketWorld(RocketDynamics):
     def restore(self, state: bytes) -> F32:
         """Restore all rockets from a snapshot and return their observation."""
         ours = self._state_arrays()
-        arrays = snapshots.unpack(self.spec, state, like=ours, any_length=('commands',))
+        arrays = snapshots.unpack(
+            self.spec, state, like=ours, any_length=('commands',),
+            before=snapshots.zeros(self._last_step()))
         snapshots.check_settings(self.spec.settings, arrays.pop('settings'))
         values = dict(zip(self.reset_settings, arrays.pop('curriculum').tolist(), strict=True))
         try:
@@ -150,11 +152,6 @@ class RocketWorld(RocketDynamics):
             raise ValueError(f'snapshot: {error}') from error
         self._load_state(arrays, self._state_arrays())
         self.vehicles.begin(self.rows, self.episode)
-        self.disturbance[::2] = self.vehicles.side + self.gust
-        self.torque[:] = 0
-        self._touching[:] = False
-        self.contact_force[:] = 0
-        self.reward = np.zeros(self.spec.num_envs)
         self._finished = self._none_finished
         return self.observe()
 
@@ -194,7 +191,14 @@ class RocketWorld(RocketDynamics):
             'settings': np.array(list(self.spec.settings.values()), np.float64),
             'curriculum': np.array(
                 [getattr(self.settings, name) for name in self.reset_settings], np.float64),
+            **self._last_step(),
         }
+
+    def _last_step(self) -> dict[str, NDArray[Any]]:
+        """Return results of the last step that only telemetry needs; older snapshots lack them."""
+        return {
+            'torque': self.torque, 'disturbance': self.disturbance, 'reward': self.reward,
+            'touching': self._touching, 'contact_force': self.contact_force}
 
     def _use(self, settings: RocketSettings, seed: int) -> None:
         """Apply settings and a seed; episodes must be started or loaded afterwards.
