@@ -37,6 +37,8 @@ from rocket_sim_node.worlds.pymunk_batch.lanes import Lanes
 OUTCOMES = ('landed', 'crashed', 'out_of_bounds', 'timeout')
 LANDED, CRASHED, OUT_OF_BOUNDS, TIMEOUT = range(4)
 
+_TOLERANCE = 1e-9
+"""s, for the rounding of a sum of steps."""
 _SOLVER = Solver(iterations=15, slop=0.005, bias=(1 - 0.2) ** 50)
 
 
@@ -63,11 +65,13 @@ class LunarLanderWorld(StateCapture):
         :raises ValueError: for a setting that is unknown or out of range.
         """
         self._made_with = self.settings = s = settings_module.build(LunarSettings, settings)
-        if s.rest_time > s.time_limit:
+        # An episode ends after a step, so it has at least one.
+        self._step_limit = max(1, int(np.floor(s.time_limit / s.dt + 1e-9)))
+        rest = max(1, int(np.ceil((s.rest_time - _TOLERANCE) / s.dt)))
+        if rest > self._step_limit:
             raise ValueError(
-                f"setting 'rest_time': got {s.rest_time}, "
-                f'expected at most time_limit, {s.time_limit} s')
-        self._step_limit = int(np.floor(s.time_limit / s.dt + 1e-9))
+                f"setting 'rest_time': got {s.rest_time}, which takes {rest} steps of {s.dt} s, "
+                f'expected at most the {self._step_limit} of time_limit, {s.time_limit} s')
         self._rest_speed_squared, self._rest_spin = s.rest_speed**2, np.deg2rad(s.rest_spin)
         self._lanes = Lanes(
             num_envs, vehicle.LunarDesign(), s.dt, s.gravity, _SOLVER, step_threads)
@@ -145,7 +149,7 @@ class LunarLanderWorld(StateCapture):
         reward += s.reward_side_engine * np.abs(self._side)
         crashed = self._touching[:, 0]
         outside = np.abs(observation[:, 0]) >= 1.0
-        rest = (self._still > 0) & (self._still >= s.rest_time - 1e-9)
+        rest = (self._still > 0) & (self._still >= s.rest_time - _TOLERANCE)
         if rest.any():
             rest &= self._touching.any(1)  # without gravity, or hovering, it may be in the air
         terminated = crashed | outside | rest

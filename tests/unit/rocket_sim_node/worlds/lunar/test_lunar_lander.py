@@ -284,6 +284,40 @@ def test_resting_takes_half_a_second_below_box2ds_limits() -> None:
     assert landed > 10
 
 
+@pytest.mark.parametrize(('settings', 'message'), [
+    ({'dt': 0.05, 'rest_time': 0.11, 'time_limit': 0.12},
+     r"^setting 'rest_time': got 0\.11, which takes 3 steps of 0\.05 s, "
+     r'expected at most the 2 of time_limit, 0\.12 s$'),
+    ({'rest_time': 20.01}, r'which takes 1001 steps .* the 1000 of time_limit, 20\.0 s$')])
+def test_a_rest_of_more_steps_than_an_episode_is_refused(
+    settings: dict[str, float], message: str,
+) -> None:
+    """In whole steps, the rest is rounded up and the limit down."""
+    with pytest.raises(ValueError, match=message):
+        make(**settings)
+
+
+@pytest.mark.parametrize(('dt', 'rest_time', 'time_limit', 'steps'), [
+    (0.05, 0.1, 0.12, 2), (0.05, 0.03, 0.02, 1), (0.02, 0.5, 0.5, 25), (0.02, 0.0, 0.02, 1)])
+def test_a_rest_of_as_many_steps_as_an_episode_is_a_landing(
+    dt: float, rest_time: float, time_limit: float, steps: int, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each has at least one, and the lander rests from the start."""
+    world = make(
+        1, dt=dt, rest_time=rest_time, time_limit=time_limit, spawn_reach=0.01, rest_speed=10.0,
+        rest_spin=360.0)
+    advance = world._advance
+
+    def rig(command: NDArray[Any]) -> None:
+        advance(command)
+        world._touching[:] = (False, True, False)
+
+    monkeypatch.setattr(world, '_advance', rig)
+    ended = [world.step(np.zeros(1, np.int64))[4]['episodes'] for _ in range(steps)]
+    assert [len(episodes) for episodes in ended] == [0] * (steps - 1) + [1]
+    assert ended[-1].outcome.tolist() == [LANDED]
+
+
 def test_position_and_velocity_of_the_state_are_of_the_same_point() -> None:
     """As in nav_msgs/Odometry, whose twist is that of the frame that its pose names."""
     world = worlds.make('lunar_lander', 4, 3)
