@@ -117,6 +117,9 @@ def _arrays(state: bytes) -> Arrays:
     arrays: Arrays = {}
     with zipfile.ZipFile(io.BytesIO(state)) as archive:
         entries = archive.infolist()
+        # A damaged directory may hide entries; the number of all is at the archive's end.
+        if len(entries) != int.from_bytes(state[-12:-10], 'little'):
+            raise ValueError('its directory is damaged')
         if any(entry.compress_type != zipfile.ZIP_STORED for entry in entries) or (
                 sum(entry.file_size for entry in entries) > len(state)):
             raise ValueError('its entries are compressed or larger than the file')
