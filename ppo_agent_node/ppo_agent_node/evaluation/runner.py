@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ppo_agent_node.evaluation.optimum.fuel_bounds import StraightDropBound
 from ppo_agent_node.evaluation.standing import Standing
 from ppo_agent_node.evaluation.standing import after_touchdown
+from ppo_agent_node.evaluation.standing import is_clipped
 from ppo_agent_node.flying.pilot import Pilot
 from ppo_agent_node.flying.pilot import tell_begun
 from rocket_sim_node import settings as settings_module
@@ -93,9 +94,12 @@ class EvaluationResult:
     def settled(self) -> Standing | None:
         """Motion after touchdowns in world `rocket`; None in worlds that simulate it themselves.
 
-        Also None if sensors are noisy, as the last observation does not give the final state.
+        Also None if sensors are noisy or an observation of a touchdown is clipped, as the last
+        observation does not give the final state then.
         """
         if self.spec.name != 'rocket' or self.settings.get('sensor_noise_high', 0) > 0:
+            return None
+        if is_clipped(self.final_observation[self.ground], self.settings):
             return None
         drawn = self._drawn()
         return after_touchdown(

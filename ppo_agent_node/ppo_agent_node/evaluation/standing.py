@@ -30,14 +30,27 @@ class Standing:
     """K verdicts, '' without a touchdown."""
 
 
+def is_clipped(observation: NDArray[np.float32], settings: Mapping[str, float]) -> bool:
+    """Return whether observations of touchdowns are clipped, so that they hide the motion.
+
+    :param observation: `(J, 15)` or more.
+    :param settings: of world `rocket`.
+    """
+    limit = np.float32(settings['observation_limit'])
+    # A limit of 1 or more does not clip the unit vector, whose entries may be exactly 1.
+    columns = [*range(0, 6), *range(9, 12), *(range(6, 9) if limit < 1 else ())]
+    return bool((np.abs(observation[:, columns]) >= limit).any())
+
+
 def after_touchdown(
     observation: NDArray[np.float32], fuel: F64, ground: NDArray[np.bool_],
     settings: Mapping[str, float], dry_mass_factor: F64, gravity_factor: F64,
 ) -> Standing:
     """Continue episodes from their ends with the contact model.
 
-    :param observation: `(K, 15)` or more, the last of each episode. In float32 and without yaw,
-        which does not matter: the model is accurate to 1e-5 m and ignores yaw.
+    :param observation: `(K, 15)` or more, the last of each episode, not clipped at touchdowns. In
+        float32 and without yaw, which does not matter: the model is accurate to 1e-5 m and ignores
+        yaw.
     :param fuel: `(K,)` kg left in the tank.
     :param ground: `(K,)` whether episodes ended on the ground.
     :param settings: of world `rocket`.

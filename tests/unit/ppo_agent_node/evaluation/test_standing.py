@@ -135,6 +135,23 @@ def test_settling_uses_the_drawn_mass_and_gravity(monkeypatch: pytest.MonkeyPatc
     np.testing.assert_array_equal(gravity, 9.81 * expected[:, 1])
 
 
+@pytest.mark.parametrize('settings', [
+    {'velocity_scale': 0.1}, {'position_scale': 0.1}, {'observation_limit': 0.9}])
+def test_clipped_touchdowns_give_no_standing_rate(settings: dict[str, float]) -> None:
+    """Clipped to 0.5 m/s, rockets that crash would stand."""
+    env = worlds.make('rocket', num_envs=4, spawn_height=20.0, **settings)
+    result = evaluate(env, Falling(), 4, 1, level=1)
+    assert result.ground.any()
+    assert result.settled is None
+    assert metrics.summarise(result)['standing_rate'] is None
+
+
+def test_a_limit_of_one_does_not_clip_an_upright_rocket() -> None:
+    upright = ends((0, 0, 0, 0))
+    assert not standing.is_clipped(upright, {**SETTINGS, 'observation_limit': 1.0})
+    assert standing.is_clipped(upright, {**SETTINGS, 'observation_limit': 0.99})
+
+
 def test_random_flights_have_a_standing_rate_of_zero() -> None:
     env = worlds.make('rocket', num_envs=20)
     summary = metrics.summarise(evaluate(env, RandomPilot(env.spec), 20, 1, level=1))
