@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from dataclasses import replace
 
 from ppo_agent_node.cockpit.instruments import Brake
 from ppo_agent_node.cockpit.instruments import Readings
@@ -28,9 +27,8 @@ WORDS = {
 class Watch:
     """Records when full throttle was due, and when it was applied."""
 
-    def __init__(self, brake: Brake) -> None:
+    def __init__(self) -> None:
         """Start a flight."""
-        self._brake = brake
         self.last_chance: float | None = None
         """s into the flight, after which full throttle could not stop the fall in time."""
         self.lit: float | None = None
@@ -39,14 +37,12 @@ class Watch:
         """m/s at the ground, had full throttle begun at that ignition."""
 
     def see(
-        self, time: float, readings: Readings, mass: float, throttle: float,
-        dry_mass: float | None = None,
+        self, time: float, readings: Readings, brake: Brake, mass: float, throttle: float,
     ) -> None:
         """Process a step.
 
-        :param dry_mass: kg, of the flight's vehicle; by default that of the braking model.
+        :param brake: braking model of the flight's vehicle.
         """
-        brake = self._brake if dry_mass is None else replace(self._brake, dry_mass=dry_mass)
         speed = -readings.climb
         if self.last_chance is None:
             if speed <= 0 or readings.height <= 0:

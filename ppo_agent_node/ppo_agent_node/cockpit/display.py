@@ -7,7 +7,6 @@ import math
 import shutil
 from dataclasses import dataclass
 from dataclasses import field
-from dataclasses import replace
 
 from rich.console import Console
 from rich.text import Text
@@ -48,8 +47,8 @@ class Tank:
     """0 to 1, actual."""
     time: float
     """s since the start."""
-    dry_mass: float
-    """kg, of this flight's vehicle."""
+    brake: Brake
+    """Braking model of this flight's vehicle."""
 
 
 @dataclass
@@ -74,12 +73,11 @@ class View:
 class Cockpit:
     """Renders a view as the lines of a terminal."""
 
-    def __init__(self, brake: Brake, color: bool | None = None) -> None:
-        """Store the vehicle's braking model.
+    def __init__(self, color: bool | None = None) -> None:
+        """Prepare the terminal's text.
 
         :param color: whether to use colours; None: as the terminal supports.
         """
-        self._brake = brake
         self._buffer = io.StringIO()
         self._console = Console(
             file=self._buffer, force_terminal=True, highlight=False, legacy_windows=False,
@@ -125,15 +123,14 @@ class Cockpit:
         self, view: View, readings: Readings, tank: Tank, width: int,
     ) -> list[Text]:
         speed = max(-readings.climb, 0.0)
-        brake = replace(self._brake, dry_mass=tank.dry_mass)
-        stop = brake.height(speed, tank.mass)
+        stop = tank.brake.height(speed, tank.mass)
         bar = max(width - _LABEL - 3, 8)
         fast, tilted, far = view.limits
         arrow = '↓' if readings.climb < 0 else '↑'
         texts = [
             Text(),
             _line('height', f'{readings.height:6.1f} m', self._burn_advice(
-                brake, view.flying, readings, tank, stop, width < _NARROW)),
+                view.flying, readings, tank, stop, width < _NARROW)),
             _line('', '', _scale(readings.height, stop, view.ceiling, bar)),
             _line('to stop', f'{stop:6.1f} m' if math.isfinite(stop) else '   never',
                   Text('at full throttle from now on' if width >= _NARROW else '', style=_DIM)),
@@ -167,8 +164,7 @@ class Cockpit:
         return texts
 
     def _burn_advice(
-        self, brake: Brake, flying: bool, readings: Readings, tank: Tank, stop: float,
-        short: bool,
+        self, flying: bool, readings: Readings, tank: Tank, stop: float, short: bool,
     ) -> Text:
         """Return how long full throttle can wait, or what can no longer be prevented."""
         def say(style: str, long: str, brief: str) -> Text:
@@ -178,12 +174,12 @@ class Cockpit:
         if not flying or readings.height <= 0 or speed <= 0:
             return Text()
         if stop > readings.height:
-            hit = brake.touchdown_speed(readings.height, speed, tank.mass)
+            hit = tank.brake.touchdown_speed(readings.height, speed, tank.mass)
             if hit < 0.5:
                 return say(_BAD, 'BURN: now or never', 'BURN NOW')
             return say(
                 _BAD, f'TOO LATE: at least {hit:.0f} m/s at the ground', f'LATE: {hit:.0f} m/s')
-        wait = brake.wait(readings.height, speed, tank.mass)
+        wait = tank.brake.wait(readings.height, speed, tank.mass)
         if tank.throttle > 0.0:
             left = f'{readings.height - stop:+.1f} m'
             return say(_LANDED, f'braking: {left} to spare', f'braking {left}')

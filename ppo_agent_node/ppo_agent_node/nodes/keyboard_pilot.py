@@ -12,7 +12,6 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 
 from ppo_agent_node.cockpit.display import Cockpit
-from ppo_agent_node.cockpit.instruments import Brake
 from ppo_agent_node.cockpit.raw_terminal import RawTerminal
 from ppo_agent_node.nodes.flights.connection import EXPECTED_ERRORS
 from ppo_agent_node.nodes.flights.connection import ConnectionParameters
@@ -91,9 +90,9 @@ def pilot(node: Node, executor: Executor) -> None:
     with client:
         spec = _connect(node, client, connection.patience)
         start = EpisodeStart(options.seed, options.level if 'level' in spec.settings else 0)
-        hands, cockpit = KeyboardPilot(spec, keys), Cockpit(Brake.of(spec))
+        flying = HandFlying(
+            node, client, terminal, Cockpit(), KeyboardPilot(spec, keys), start, options.watch)
         with terminal:
-            flying = HandFlying(node, client, terminal, cockpit, hands, start, options.watch)
             flying.run()
     node.get_logger().info(flying.summary() or 'no flights')
 

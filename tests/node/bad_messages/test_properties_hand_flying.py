@@ -51,7 +51,7 @@ class Hands:
         self.lines: list[str] = []
         this: Any = self
         self.flying = HandFlying(
-            this, this, this, Cockpit(Brake.of(spec)), KeyboardPilot(spec), EpisodeStart(1, 0), '')
+            this, this, this, Cockpit(), KeyboardPilot(spec), EpisodeStart(1, 0), '')
 
     def fly(self, seen: list[Any], heard: list[Any], lands: bool = False) -> None:
         """Fly through some observations, with a message before each of them."""
@@ -167,9 +167,9 @@ def test_the_state_of_a_drawn_vehicle_is_shown(chosen: dict[str, Any]) -> None:
         hands.fly([seen], [conversion.state_to_message(
             np.zeros(1, np.uint64), world.telemetry(slice(None)), SESSION)])
         tank = hands.flying._tank
-        assert tank.dry_mass == pytest.approx(22_000 * drawn['dry_mass_factor'])
+        assert tank.brake.dry_mass == pytest.approx(22_000 * drawn['dry_mass_factor'])
         assert tank.fuel == pytest.approx(2_000 * drawn['fuel_factor'])
-        assert tank.mass == pytest.approx(tank.dry_mass + tank.fuel)
+        assert tank.mass == pytest.approx(tank.brake.dry_mass + tank.fuel)
     assert not hands.said
 
 

@@ -95,7 +95,7 @@ class HandFlying:
         self._best = float('-inf')
         s = spec.settings
         fuel, dry_mass = s.get('fuel', 0.0), self._brake.dry_mass
-        self._full = Tank(dry_mass + fuel, fuel, fuel, 0.0, 0.0, dry_mass)
+        self._full = Tank(dry_mass + fuel, fuel, fuel, 0.0, 0.0, self._brake)
         self._dry_masses, self._most_fuel = _drawn_masses(spec, dry_mass, fuel)
         self._tank = self._full
         self._drawn = 0.0
@@ -183,7 +183,7 @@ class HandFlying:
         return None
 
     def _steer(self, start: EpisodeStart, observation: F32) -> str | None:
-        watch = Watch(self._brake)
+        watch = Watch()
         due = time.monotonic()
         steps = 0
         while True:
@@ -203,7 +203,7 @@ class HandFlying:
             # In lock-step the state arrives many steps at a time, and thus late.
             flown = self._tank.time if self._client.realtime else steps * self._spec.dt
             tank = self._tank
-            watch.see(flown, readings, tank.mass, self._pilot.throttle(now), tank.dry_mass)
+            watch.see(flown, readings, tank.brake, tank.mass, self._pilot.throttle(now))
             if now - self._drawn > _FRAME:
                 self._take_errors()
                 self._draw(start)
@@ -273,8 +273,8 @@ class HandFlying:
             seen[name] = value = float(sample[FIELDS[name].start])
             if not low <= value <= high:
                 raise ValueError(f'{name}: got {value:g}, expected {low:g} to {high:g}')
-        return Tank(
-            full=self._full.full, dry_mass=max(seen['mass'] - seen['fuel'], lightest), **seen)
+        brake = replace(self._brake, dry_mass=max(seen['mass'] - seen['fuel'], lightest))
+        return Tank(full=self._full.full, brake=brake, **seen)
 
 
 def _drawn_masses(

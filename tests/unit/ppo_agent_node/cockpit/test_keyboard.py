@@ -251,12 +251,12 @@ def test_brake_against_constant_deceleration_and_the_rocket_itself(
 
 def test_the_watch_reports_how_late_full_throttle_came() -> None:
     brake = Brake(20.0, 0.0, 1.0, 10.0)
-    watch = Watch(brake)
+    watch = Watch()
     for step in range(351):
         time = 0.01 * step
         readings = Readings(
             90.0 - 5.0 * time**2, -10.0 * time, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 0.0)
-        watch.see(time, readings, 1.0, float(step >= 320))
+        watch.see(time, readings, brake, 1.0, float(step >= 320))
     assert watch.last_chance == pytest.approx(3.0, abs=0.011)
     assert watch.lit == pytest.approx(3.2)
     # 38.8 m left at 32 m/s: v^2 = 32^2 - 2 * 10 * 38.8.

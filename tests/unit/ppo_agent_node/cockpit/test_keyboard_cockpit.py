@@ -22,13 +22,13 @@ def view(height: float, climb: float, throttle: float = 0.0, **others: object) -
     """Return what is shown in flight."""
     readings = Readings(height, climb, (3.0, -4.0), (-0.01, 0.0), (0.0, 0.0), 2.0)
     return View(
-        'title', 100.0, (3.0, 10.0, 15.0), readings, Tank(1.0, 500.0, 2000.0, throttle, 1.5, 1.0),
-        flying=True, **others)  # type: ignore[arg-type]
+        'title', 100.0, (3.0, 10.0, 15.0), readings,
+        Tank(1.0, 500.0, 2000.0, throttle, 1.5, BRAKE), flying=True, **others)  # type: ignore[arg-type]
 
 
 def show(shown: View, width: int = 80, height: int = 24) -> list[str]:
     """Return the screen without its colours."""
-    return [Text.from_ansi(line).plain for line in Cockpit(BRAKE).lines(shown, (width, height))]
+    return [Text.from_ansi(line).plain for line in Cockpit().lines(shown, (width, height))]
 
 
 @pytest.mark.parametrize(('height', 'climb', 'throttle', 'advice'), [
@@ -91,9 +91,9 @@ def test_long_notes_are_wrapped() -> None:
 
 
 def test_debrief_names_outcome_figures_and_why() -> None:
-    watch = Watch(BRAKE)
-    watch.see(3.0, Readings(44.0, -30.0, (0, 0), (0, 0), (0, 0), 0.0), 1.0, 0.0)
-    watch.see(3.1, Readings(40.0, -31.0, (0, 0), (0, 0), (0, 0), 0.0), 1.0, 1.0)
+    watch = Watch()
+    watch.see(3.0, Readings(44.0, -30.0, (0, 0), (0, 0), (0, 0), 0.0), BRAKE, 1.0, 0.0)
+    watch.see(3.1, Readings(40.0, -31.0, (0, 0), (0, 0), (0, 0), 0.0), BRAKE, 1.0, 1.0)
     crash = FlightSummary('too_fast', -104.0, 6.2, 12.7, 1.0, 2.0, 700.0)
     expert = FlightSummary('landed', 294.9, 9.1, 0.01, 0.0, 0.1, 710.0)
     text = '\n'.join(line for _, line in debrief(crash, expert, watch))
