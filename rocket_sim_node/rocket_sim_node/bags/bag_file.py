@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
+from typing import NamedTuple
 
 import yaml
 from mcap.records import Channel
@@ -265,9 +266,8 @@ class BagFile:
         else:
             return
         check_space(self._path.parent, broken.stat().st_size + RESERVE)
-        damages: list[tuple[int, Exception]] = []
         try:
-            self._copy(broken, damages)
+            damage = self._copy(broken)
         except (OSError, MemoryError) as error:
             number, reason = (
                 (error.errno, error.strerror) if isinstance(error, OSError)
@@ -276,14 +276,15 @@ class BagFile:
                 number, f'left by a recorder that was killed, not repaired yet: {reason}',
                 str(broken)) from error
         self._custom['repaired'] = 'its recorder was killed: the last second may be incomplete'
-        for place, damage in damages:
+        if damage is not None:
             size = broken.stat().st_size
             # First, so that a kill of this recorder leaves all of it, too.
             kept = publish(
                 broken, self._path.with_name(f'{self._path.name}.damaged.mcap'), '.mcap')
-            self._custom['repaired'] = f'its file was damaged at byte {place} of {size}'
-            self._note('WARN', f'a recorder was killed and its bag is damaged at byte {place} of '
-                               f'{size}; the whole file is kept as {kept}: {damage!r:.200}')
+            place = f'damaged at byte {damage.place} of {size}'
+            self._custom['repaired'] = f'its file was {place}'
+            self._note('WARN', f'a recorder was killed and its bag is {place}; the whole file is '
+                               f'kept as {kept}: {damage.error!r:.200}')
         if self.count:
             self._describe()
         broken.unlink(missing_ok=True)
@@ -293,60 +294,77 @@ class BagFile:
                                f'({self.count} messages)')
         else:
             self._file.unlink()
-            if not damages:
+            if damage is None:
                 self._note('INFO', 'a recorder was killed before it received anything')
         self.count = 0
         self._topics.clear()
         self._schemas.clear()
         self._custom.clear()
 
-    def _copy(self, broken: Path, damages: list[tuple[int, Exception]]) -> None:
-        """Write the readable part of a broken file, and add what ends it to `damages`."""
+    def _copy(self, broken: Path) -> Damage | None:
+        """Write the readable part of a broken file; return the damage that ends it, if any."""
         self._begin()
         stream, self._stream = self._stream, None
         assert stream is not None
         with stream:
-            for topic, text, message in salvage(broken, damages):
+            salvage = Salvage(broken)
+            for topic, text, message in salvage:
                 if topic.name not in self._topics:
                     self._topics[topic.name] = _Open(topic, text)
                 self._put(topic.name, message.data, message.log_time, message.publish_time)
             self._writer.finish()
+        return salvage.damage
 
 
-def salvage(
-    path: Path, damages: list[tuple[int, Exception]] | None = None,
-) -> Iterator[tuple[Topic, str, Message]]:
-    """Yield the messages of an MCAP file up to where it is cut short or damaged.
+class Damage(NamedTuple):
+    """What ends the readable part of a file."""
+
+    place: int
+    """Byte at which the damaged record begins."""
+    error: Exception
+
+
+class Salvage:
+    """The messages of an MCAP file up to where it is cut short or damaged.
 
     Each comes with its topic and the text of its definition.
-
-    :param damages: gets the byte at which a damaged record begins, and its error. A last record
-        that is merely cut short is no damage.
-    :raises OSError: when the file cannot be read; MemoryError: when there is no memory for it.
     """
-    schemas: dict[int, Schema] = {}
-    topics: dict[int, tuple[Topic, str]] = {}
-    place = 0
-    with path.open('rb') as stream:
-        try:
-            mcap_file.start(stream)
-            while True:
-                place = stream.tell()
-                for record in mcap_file.records_at(stream, place):
-                    if isinstance(record, Schema):
-                        schemas[record.id] = record
-                    elif isinstance(record, Channel):
-                        schema = schemas[record.schema_id]
-                        topics[record.id] = Topic(
-                            record.topic, schema.name, record.metadata.get('topic_type_hash', ''),
-                            _offered(record.metadata)), schema.data.decode('utf-8')
-                    elif isinstance(record, Message):
-                        yield (*topics[record.channel_id], record)
-        except MemoryError:
-            raise
-        except DAMAGED as error:
-            if damages is not None and not mcap_file.is_cut(stream, place):
-                damages.append((place, error))
+
+    def __init__(self, path: Path) -> None:
+        """Prepare to read a file."""
+        self._path = path
+        self.damage: Damage | None = None
+        """Known after the last message. A last record that is merely cut short is no damage."""
+
+    def __iter__(self) -> Iterator[tuple[Topic, str, Message]]:
+        """Yield the messages.
+
+        :raises OSError: when the file cannot be read; MemoryError: when there is no memory for it.
+        """
+        schemas: dict[int, Schema] = {}
+        topics: dict[int, tuple[Topic, str]] = {}
+        place = 0
+        with self._path.open('rb') as stream:
+            try:
+                mcap_file.start(stream)
+                while True:
+                    place = stream.tell()
+                    for record in mcap_file.records_at(stream, place):
+                        if isinstance(record, Schema):
+                            schemas[record.id] = record
+                        elif isinstance(record, Channel):
+                            schema = schemas[record.schema_id]
+                            topics[record.id] = Topic(
+                                record.topic, schema.name,
+                                record.metadata.get('topic_type_hash', ''),
+                                _offered(record.metadata)), schema.data.decode('utf-8')
+                        elif isinstance(record, Message):
+                            yield (*topics[record.channel_id], record)
+            except MemoryError:
+                raise
+            except DAMAGED as error:
+                if not mcap_file.is_cut(stream, place):
+                    self.damage = Damage(place, error)
 
 
 def _offered(metadata: Mapping[str, str]) -> tuple[Quality, ...]:

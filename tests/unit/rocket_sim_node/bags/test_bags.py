@@ -293,7 +293,7 @@ def test_damaged_bags_are_named_and_salvaged(
         except ValueError as error:
             assert str(path) in str(error) or 'values' in str(error)
             named += 1
-        assert len(list(bag_file.salvage(path))) <= 5
+        assert len(list(bag_file.Salvage(path))) <= 5
     assert named > 75
 
 

@@ -72,7 +72,7 @@ def test_a_decompression_bomb_is_refused_and_takes_no_memory(
         list(messages(path))
     assert str(refused.value).startswith(f'{path}: ')
     assert '\n' not in str(refused.value)
-    assert list(bag_file.salvage(path)) == []
+    assert list(bag_file.Salvage(path)) == []
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 << 10, 'KiB'
 
 
