@@ -243,7 +243,7 @@ def test_discovery_shows_equal_definition_hashes_at_both_ends(
         near = hashes(node.get_subscriptions_info_by_topic(topic))
         far = hashes(node.get_publishers_info_by_topic(topic))
         assert {hash_ for _, hash_ in near} == {hash_ for _, hash_ in far} != set()
-        assert (node.get_name(), node.get_namespace()) in {name for name, _ in near}
+        assert node.get_fully_qualified_name() in {name for name, _ in near}
 
 
 @pytest.mark.parametrize('hidden', [0, 1, 2], ids=['at once', 'at the reset', 'at the first step'])

@@ -14,6 +14,8 @@ from typing import Any
 from rclpy.node import Node
 
 from rocket_sim_node.printable import printable
+from rocket_sim_node.wire.dds.endpoints import NAMELESS
+from rocket_sim_node.wire.dds.endpoints import node_of
 
 
 class DefinitionsDiffer(ValueError):
@@ -38,21 +40,19 @@ def check_definitions(node: Node, reads: Iterable[str], writes: Iterable[str] = 
 
 
 def _check(node: Node, topic: str, near: Sequence[Any], far: Sequence[Any]) -> bool:
-    whoami = (node.get_name(), node.get_namespace())
+    whoami = f'{node.get_namespace().rstrip("/")}/{node.get_name()}'  # as `node_of` names it
     # Endpoints of our own node name count too: a killed instance may still be listed.
     own = {hash_ for name, hash_ in hashes(near) if name == whoami}
     theirs = hashes(far)
     if not own or not theirs or any(hash_ in own for _, hash_ in theirs):
         return bool(far)
-    (name, namespace), hash_ = theirs[0]
+    name, hash_ = theirs[0]
     raise DefinitionsDiffer(
-        f'{topic}: {printable(namespace.rstrip("/"))}/{printable(name)} defines its messages as '
-        f'{hash_}, expected '
+        f'{topic}: {printable(name) or NAMELESS} defines its messages as {hash_}, expected '
         f'{" or ".join(sorted(own))}: one of the two nodes was built from another rocket_msgs')
 
 
-def hashes(ends: Iterable[Any]) -> list[tuple[tuple[str, str], str]]:
-    """Return name, namespace and hash of the endpoints that announce a hash."""
-    known = (((end.node_name, end.node_namespace), getattr(end, 'topic_type_hash', None))
-             for end in ends)
+def hashes(ends: Iterable[Any]) -> list[tuple[str, str]]:
+    """Return the node, '' while it is not known, and hash of endpoints that announce a hash."""
+    known = ((node_of(end), getattr(end, 'topic_type_hash', None)) for end in ends)
     return [(node, str(hash_)) for node, hash_ in known if hash_ is not None and hash_.version > 0]

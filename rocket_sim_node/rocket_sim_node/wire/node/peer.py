@@ -18,6 +18,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from rocket_sim_node.printable import printable
+from rocket_sim_node.wire.dds.endpoints import NAMELESS
+from rocket_sim_node.wire.dds.endpoints import node_of
 from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
 
 _PREFIX = 12
@@ -31,8 +33,6 @@ _FAST_DDS = b'\x01\x0f'
 """Vendor of Fast DDS, with which its GIDs begin; the next two bytes stand for the machine."""
 _ATTEMPTS = 5
 """Times that a publisher is created to learn its GID."""
-_UNKNOWN = '_NODE_NAME_UNKNOWN_'
-_NAMELESS = 'a participant whose node is not known'
 
 
 def participant_of(gid: bytes) -> bytes:
@@ -50,12 +50,12 @@ def sender_of(info: Any) -> bytes:
 
 
 def writers(node: Node, topic: str, mangled: bool = False) -> dict[bytes, str]:
-    """Return the GIDs of a topic's writers and the full names of their nodes.
+    """Return the GIDs of a topic's writers and the full names of their nodes, if known, or ''.
 
     :param mangled: whether the name is that of DDS, such as `rr/resetReply`.
     """
     return {
-        bytes(end.endpoint_gid): f'{end.node_namespace.rstrip("/")}/{end.node_name}'
+        bytes(end.endpoint_gid): node_of(end)
         for end in node.get_publishers_info_by_topic(topic, mangled)}
 
 
@@ -66,10 +66,9 @@ def name_of(gid: bytes, known: dict[bytes, str], own: bytes) -> str:
     """
     participant = participant_of(gid)
     name = known.get(gid) or next(
-        (name for one, name in known.items() if participant_of(one) == participant), '')
-    if not name or _UNKNOWN in name:
-        name = _NAMELESS
-    return f'{printable(name)} (GID {gid.hex(".")}{_place(gid, own)})' if gid else _NAMELESS
+        (name for one, name in known.items() if name and participant_of(one) == participant),
+        NAMELESS)
+    return f'{printable(name)} (GID {gid.hex(".")}{_place(gid, own)})' if gid else NAMELESS
 
 
 def _place(gid: bytes, own: bytes) -> str:
@@ -153,7 +152,7 @@ class Peer:
             if now < again:
                 return ''
             name = self.named(gid, known or writers(self._node, topic))
-            if known is None and name.startswith(_NAMELESS) and now < until:
+            if known is None and name.startswith(NAMELESS) and now < until:
                 self._unnamed[source] = until, now + _LOOK_AGAIN
                 return ''
             return f'{topic}: {name} {why}'

@@ -14,9 +14,9 @@ from rocket_sim_node.wire.messages.definitions import check_definitions
 OURS, THEIRS, UNTOLD = TypeHash(1, b'\x01' * 32), TypeHash(1, b'\x02' * 32), TypeHash()
 
 
-def end(hash_: TypeHash | None, name: str = 'simulator') -> Any:
+def end(hash_: TypeHash | None, name: str = 'simulator', namespace: str = '/sim_0') -> Any:
     """Return one end of a topic, as rclpy describes it."""
-    return SimpleNamespace(node_name=name, node_namespace='/sim_0', **(
+    return SimpleNamespace(node_name=name, node_namespace=namespace, **(
         {} if hash_ is None else {'topic_type_hash': hash_}))
 
 
@@ -40,6 +40,14 @@ def test_another_definition_is_refused_by_name() -> None:
 def test_node_names_in_errors_are_printable() -> None:
     with pytest.raises(DefinitionsDiffer, match=r'/sim_0/si \[2Jm defines'):
         check_definitions(node(end(THEIRS, 'si\x1b[2Jm')), ['observation'])
+
+
+def test_a_node_whose_name_is_not_known_yet_is_described() -> None:
+    with pytest.raises(DefinitionsDiffer) as error:
+        check_definitions(node(end(
+            THEIRS, '_NODE_NAME_UNKNOWN_', '_NODE_NAMESPACE_UNKNOWN_')), ['observation'])
+    assert str(error.value).startswith(
+        'observation: a participant whose node is not known defines its messages as')
 
 
 def test_a_reader_of_another_definition_is_refused() -> None:
