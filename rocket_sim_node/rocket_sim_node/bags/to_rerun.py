@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -81,26 +83,27 @@ def convert(
 
 def _take(recorder: Recorder, one: Recorded, note: Note) -> int:
     """Pass a message on to a recorder; return the number of flights that end in it."""
-    if one.type_name == TRAINING:
-        with known_fields(one):
-            training = training_of(one.message)
-        recorder.training(training)
-        return 0
     try:
-        if one.type_name == WORLD:
-            with known_fields(one):
-                info = _info(one.message)
-            recorder.world(info)
-            return 0
         with known_fields(one):
-            samples, session = samples_of(one.message), one.message.session
-        recorder.states(session, samples)
+            pass_on, ended = _call(recorder, one)
+        pass_on()
     except UnknownFields:
         raise
     except (ValueError, ArithmeticError, LookupError) as error:
         note('WARN', f'{one.topic} ignored: {error}')
         return 0
-    return int((samples.outcome != NO_OUTCOME).sum())
+    return ended
+
+
+def _call(recorder: Recorder, one: Recorded) -> tuple[Callable[[], None], int]:
+    """Return the call that passes on a message, and the number of flights that end in it."""
+    if one.type_name == TRAINING:
+        return partial(recorder.training, training_of(one.message)), 0
+    if one.type_name == WORLD:
+        return partial(recorder.world, _info(one.message)), 0
+    samples = samples_of(one.message)
+    return (partial(recorder.states, one.message.session, samples),
+            int((samples.outcome != NO_OUTCOME).sum()))
 
 
 def _check_space(spaces: set[str], space: str) -> None:

@@ -43,6 +43,7 @@ from rocket_sim_node.bags.reader import messages
 from rocket_sim_node.bags.reader import read
 from rocket_sim_node.bags.to_rerun import main as to_rerun
 from rocket_sim_node.recording import reader as recordings
+from rocket_sim_node.recording.drawing.training_plots import LINES
 from rocket_sim_node.recording.sinks.rrd_file import opened
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import samples_of
@@ -716,17 +717,22 @@ THEIRS = {
 """definitions of others, and the complaints about them"""
 
 
+def one_of_theirs(path: Path, kind: str, text: str) -> Path:
+    """Write a bag with one message of zeros, by a definition of others."""
+    return write_records(path, [
+        Schema(data=text.encode(), encoding='ros2msg', id=1, name=f'rocket_msgs/msg/{kind}'),
+        Channel(id=1, topic=f'/{kind}', message_encoding='cdr', metadata={}, schema_id=1),
+        Message(channel_id=1, log_time=1, data=b'\x00\x01\x00\x00' + bytes(64), publish_time=1,
+                sequence=0)])
+
+
 @pytest.mark.parametrize('what', THEIRS)
 def test_messages_of_other_definitions_are_refused_by_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], what: str,
 ) -> None:
     text, complaint = THEIRS[what]
     kind = what if what in ('RocketState', 'TrainingStatus') else 'World'
-    data = b'\x00\x01\x00\x00' + bytes(64)
-    path = write_records(tmp_path / 'it.mcap', [
-        Schema(data=text.encode(), encoding='ros2msg', id=1, name=f'rocket_msgs/msg/{kind}'),
-        Channel(id=1, topic=f'/{kind}', message_encoding='cdr', metadata={}, schema_id=1),
-        Message(channel_id=1, log_time=1, data=data, publish_time=1, sequence=0)])
+    path = one_of_theirs(tmp_path / 'it.mcap', kind, text)
     assert to_rerun([str(path), str(tmp_path / 'it.rrd')]) == 2
     said = capsys.readouterr().err.splitlines()[-1]
     assert complaint in said and f'/{kind}: ' in said
@@ -734,6 +740,16 @@ def test_messages_of_other_definitions_are_refused_by_name(
     if kind != 'TrainingStatus':
         with pytest.raises(ValueError, match=re.escape(complaint)):
             read(path)
+
+
+@pytest.mark.parametrize(('kind', 'text'), [
+    ('World', 'float64 dt\nstring[] outcomes'), ('TrainingStatus', f'string {LINES[0].value}')])
+def test_messages_with_impossible_values_are_ignored_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str, text: str,
+) -> None:
+    path = one_of_theirs(tmp_path / 'it.mcap', kind, text)
+    assert to_rerun([str(path), str(tmp_path / 'it.rrd')]) == 0
+    assert f'WARN: /{kind} ignored: ' in capsys.readouterr().err
 
 
 def test_times_and_topics_of_messages(make_bag: Callable[..., BagFile], tmp_path: Path) -> None:
