@@ -31,12 +31,11 @@ def for_vehicle(pilot: Pilot, spec: WorldSpec) -> Pilot:
     return kind(spec) if usual and kind is not ExpertPilot else pilot
 
 
-def scripted_pilot(spec: WorldSpec, **gains: float) -> Pilot:
-    """Return the scripted pilot of a world.
+def scripted_pilot(spec: WorldSpec) -> Pilot:
+    """Return the scripted pilot of a world, with its default gains.
 
-    :param gains: of the rockets' pilot; the lander's has none.
     :raises ValueError: when there is no scripted pilot for the world.
     """
     if spec.name == 'lunar_lander':
         return LunarHeuristic(spec)
-    return rocket_pilot(spec)(spec, **gains)
+    return rocket_pilot(spec)(spec)

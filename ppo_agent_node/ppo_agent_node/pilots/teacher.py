@@ -30,8 +30,10 @@ def scripted_teacher(
             raise ValueError(
                 f'teacher_{name}: got {value:g}, expected -1, as the pilot of lunar_lander has '
                 'no gains')
+        return scripted_pilot(spec)
     kind = ROCKET_PILOTS[config.teacher] if config.teacher else rocket_pilot(spec)
     try:
+        # Before the pilot does so, whose errors are those of the vehicle.
         settings_module.build(kind.settings_class, gains)
     except ValueError as error:
         raise ValueError(f'teacher_{error}') from error
@@ -41,9 +43,7 @@ def scripted_teacher(
             f'{kind.name} flies the engine of conditions, {rocket_pilot(wide).name} that of '
             'curriculum_wide_conditions')
     try:
-        if config.teacher:
-            return kind(spec, **gains)
-        return scripted_pilot(spec, **gains)
+        return kind(spec, **gains)
     except ValueError as error:
         raise ValueError(
             f'demonstration_episodes: got {config.demonstration_episodes}, expected 0, as no '
