@@ -43,11 +43,12 @@ def train(
     envs = gymnasium.make_vec(name, num_envs=num_envs, seed=seed, simulators=simulators)
     if curriculum:
         envs = rocket_sim_node.gym.ReverseCurriculum(envs)
-    env = VecNormalize(HoverslamVecEnv(envs))
-    chosen = LANDER if name == rocket_sim_node.gym.IDS['lunar_lander'] else ROCKET
+    usual = LANDER if name == rocket_sim_node.gym.IDS['lunar_lander'] else ROCKET
+    chosen = {**usual, **settings}
+    # Rewards are divided by the deviation of returns, which depends on how these are discounted.
+    env = VecNormalize(HoverslamVecEnv(envs), gamma=chosen['gamma'])
     try:
-        model = PPO(
-            'MlpPolicy', env, seed=seed, device='cpu', verbose=verbose, **{**chosen, **settings})
+        model = PPO('MlpPolicy', env, seed=seed, device='cpu', verbose=verbose, **chosen)
         return model.learn(steps)
     finally:
         env.close()

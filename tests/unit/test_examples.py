@@ -99,6 +99,8 @@ def test_ppo_of_stable_baselines3_runs(world: str) -> None:
         name=IDS[world], curriculum=world == 'rocket', num_envs=4, steps=256, n_steps=64,
         batch_size=64, verbose=0)
     assert model.num_timesteps == 256
+    normalised = model.get_vec_normalize_env()
+    assert normalised is not None and normalised.gamma == model.gamma
 
 
 @pytest.mark.parametrize('world', ['lunar_lander', 'rocket'])
