@@ -2,6 +2,7 @@
 """A world as a vector environment of Gymnasium, in this process or over DDS."""
 from __future__ import annotations
 
+import copy
 import importlib
 from dataclasses import replace
 from typing import Any
@@ -269,6 +270,24 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
             array[...] = arrays[name]
         self.resets += 1
         return observation
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> HoverslamVectorEnv:
+        """Return a copy in the same state; not of a simulator, nor of a world with contacts.
+
+        A copy by `snapshot` would change how the original continues, where contacts have a state
+        that cannot be read, so the user must ask for it.
+
+        :raises TypeError: when it cannot be copied; names what to use instead.
+        """
+        made = memo[id(self)] = object.__new__(type(self))
+        try:
+            made.__dict__.update(copy.deepcopy(self.__dict__, memo))
+        except TypeError as error:
+            raise TypeError(
+                f'deepcopy: an environment of {self.world_spec.name} cannot be copied; restore '
+                'its snapshot in another one: other.unwrapped.restore(env.unwrapped.snapshot())'
+            ) from error
+        return made
 
     def _own_state(self) -> dict[str, NDArray[Any]]:
         """Return the autoreset mode, and the arrays of NEXT_STEP, which are not copies."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -309,6 +310,37 @@ def test_a_snapshot_of_a_single_environment(at_end: bool) -> None:
     starts = [one.reset(options={'level': np.float64(3)})[0] for one in (env, copy)]
     np.testing.assert_array_equal(*starts)
     np.testing.assert_array_equal(env.step(idle)[0], copy.step(idle)[0])
+
+
+@pytest.mark.parametrize('make_one', [gymnasium.make, gymnasium.make_vec])
+@pytest.mark.parametrize('name', IDS.values())
+def test_an_environment_is_copied_or_says_what_to_use_instead(name: str, make_one: Any) -> None:
+    """The original continues with the same bits either way."""
+    low = {} if 'Lander' in name else LOW
+    env, same = (make_one(name, **low) for _ in range(2))
+    for one in env, same:
+        one.reset(seed=7)
+        one.action_space.seed(3)
+    for _ in range(30):
+        action = env.action_space.sample()
+        env.step(action)
+        same.step(action)
+    followers = [same]
+    if name == IDS['rocket']:
+        followers.append(deepcopy(env))
+    else:
+        with pytest.raises(TypeError, match=(
+                r'^deepcopy: an environment of \w+ cannot be copied; restore its snapshot in ')):
+            deepcopy(env)
+    for _ in range(200):
+        action = env.action_space.sample()
+        one = env.step(action)
+        for follower in followers:
+            for ours, theirs in zip(follower.step(action)[:4], one[:4], strict=True):
+                np.testing.assert_array_equal(ours, theirs)
+        if make_one is gymnasium.make and any(one[2:4]):
+            for other in env, *followers:
+                other.reset()
 
 
 def test_snapshots_of_another_kind_are_refused() -> None:
