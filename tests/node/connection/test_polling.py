@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rocket_msgs import msg
 from std_msgs.msg import Empty
@@ -177,7 +178,7 @@ def test_serving_runs_what_is_due_and_then_ends(make_node: Callable[..., Any]) -
         served.clear()
         for _ in range(due):
             publisher.publish(Empty())
-        time.sleep(0.5)
+        assert publisher.wait_for_all_acked(Duration(seconds=20))
         spins: Any = Spins(executor)
         polling._serve(spins)
         assert len(served) == due
@@ -198,7 +199,7 @@ def test_serving_runs_what_callbacks_make_due(make_node: Callable[..., Any]) -> 
     node.create_subscription(Empty, 'callbacks', lambda message: link(), 100)
     discovered(executor, publisher)
     publisher.publish(Empty())
-    time.sleep(0.5)
+    assert publisher.wait_for_all_acked(Duration(seconds=20))
     polling._serve(executor)
     assert links == [0, 1, 2, 3]
 

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from rclpy.duration import Duration
 from rclpy.serialization import serialize_message
 from rclpy.type_hash import TypeHash
 from rocket_msgs import msg
@@ -27,6 +26,7 @@ from support.processes import Processes
 from support.processes import wait_until
 
 from rocket_sim_node.bags.bag_file import FLUSH
+from rocket_sim_node.bags.bag_file import Salvage
 from rocket_sim_node.bags.definitions import type_hash
 from rocket_sim_node.bags.reader import messages
 from rocket_sim_node.bags.reader import read
@@ -50,9 +50,20 @@ def stop(recorder: Process) -> str:
     return recorder.output()
 
 
+def partial_file(bag: Path) -> Path:
+    """Return the file of a bag that is being recorded."""
+    return bag.with_name(f'{bag.name}.partial') / f'{bag.name}_0.mcap'
+
+
+def written(bag: Path) -> set[str]:
+    """Return the topics with a message in a bag that is being recorded."""
+    partial = partial_file(bag)
+    return {topic.name for topic, _, _ in Salvage(partial)} if partial.exists() else set()
+
+
 def wait_until_written(bag: Path) -> None:
     """Wait until a bag being recorded has all of a fall: nothing came for several flushes."""
-    partial = bag.with_name(f'{bag.name}.partial') / 'bag_0.mcap'
+    partial = partial_file(bag)
     wait_until(lambda: partial.exists() and partial.stat().st_size > 10_000
                and time.time() - partial.stat().st_mtime > 3 * FLUSH, 60.0)
 
@@ -116,8 +127,7 @@ def test_chosen_topics_missing_steps_and_a_late_start(
     recorder.wait_for('/state: 30 steps before step 131 of session 1 were not received', 20.0)
     late = start(processes, tmp_path / 'late', topics='/wor*')
     late.wait_for('recording /world ', 20.0)
-    wait_until(lambda: simulator.description.get_subscription_count() == 2, 20.0)
-    time.sleep(0.3)
+    wait_until(lambda: written(tmp_path / 'late') == {'/world'}, 20.0)
     output = stop(late)
     assert '(1 messages' in output
     assert '/state: 30 steps were not received' in stop(recorder)
@@ -170,8 +180,7 @@ def test_hidden_topics_are_skipped_and_latched_messages_are_recorded(
         end.node_name == 'bag_recorder' and end.qos_profile.durability == qos.WORLD.durability
         for end in node.get_subscriptions_info_by_topic('/latched')), 20.0)
     words.publish(String(data='hello'))
-    assert words.wait_for_all_acked(Duration(seconds=20))
-    time.sleep(0.5)  # it has arrived, and is written
+    wait_until(lambda: written(tmp_path / 'bag') >= {'/words', '/latched'}, 20.0)
     stop(recorder)
     said = {one.message.data for one in messages(tmp_path / 'bag', topics=['/words', '/latched'])}
     assert said == {'hello', 'for late ones'}
