@@ -2,10 +2,10 @@
 """Time of each part of one lock-step step in a training roll-out.
 
 There is one simulator and one agent, whose policy learns. The agent's parts are timed during
-a roll-out over DDS; the simulator's parts are timed in this process, with the same rockets. The
-agent records the results of a step while it waits for the next one. The rest of that wait is
-communication: DDS, the kernel, and waking threads. The lower bound is the time that TCP takes for
-the same bytes, with one core per process.
+a roll-out over DDS; the simulator's parts, and those of inference, are timed in this process, with
+the same rockets. The agent records the results of a step while it waits for the next one. The rest
+of that wait is communication: DDS, the kernel, and waking threads. The lower bound is the time
+that TCP takes for the same bytes, with one core per process.
 """
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from rocket_msgs import msg
 
 from benchmarks.training_speed.rollouts import Course
@@ -29,6 +30,7 @@ from benchmarks.wire.exchange import microseconds
 from benchmarks.wire.exchange import on_core
 from benchmarks.wire.tcp_floor import TcpFloor
 from ppo_agent_node.evaluation.metrics import write_json
+from ppo_agent_node.ppo.networks.mlp import quick
 from ppo_agent_node.ppo.policies.factory import Policy
 from rocket_sim_node import worlds
 from rocket_sim_node.wire.client.answers import Answers
@@ -119,6 +121,18 @@ def simulator_pieces(num_envs: int, count: int) -> dict[str, float]:
         'capture states': microseconds(lambda: world.capture(slice(0, 4)), count)[0]}
 
 
+def inference_pieces(policy: Policy, num_envs: int, count: int) -> dict[str, float]:
+    """Return the median times, us, of the parts of inference, each repeated alone."""
+    observation = torch.tensor(worlds.make('rocket', num_envs, level=7).reset(1))
+    layers = policy.network.without_gradients()
+    normalised = policy.normaliser(observation)
+    seen = quick(policy.normaliser, lambda x: x)
+    with torch.inference_mode():
+        return {
+            'inference: features': microseconds(lambda: seen(observation), count)[0],
+            'inference: network': microseconds(lambda: layers(normalised), count)[0]}
+
+
 def measure(num_envs: int, steps: int, rounds: int, policy: Policy) -> list[dict[str, Any]]:
     """Return the times of the parts of a step, in their order."""
     found: dict[str, list[float]] = defaultdict(list)
@@ -154,6 +168,9 @@ def measure(num_envs: int, steps: int, rounds: int, policy: Policy) -> list[dict
             floor.close()
     agent = {name: statistics.median(values) for name, values in found.items()}
     simulator = simulator_pieces(num_envs, 20 * rounds)
+    inference = inference_pieces(policy, num_envs, 20 * rounds)
+    inference['inference: noise, cold caches'] = agent.pop('inference') - sum(inference.values())
+    agent = {**inference, **agent}
     # With what the agent does meanwhile.
     wait, whole = agent.pop('wait'), agent.pop('whole step')
     tcp = agent.pop('floor: TCP, a core each')

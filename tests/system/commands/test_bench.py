@@ -290,7 +290,7 @@ def test_budget(tmp_path: Path) -> None:
     text, figures = run(
         'budget', tmp_path / 'out.json', '--num-envs', '8', '--rounds', '2', '--steps', '20')
     rows = {row['what']: row['us'] for row in figures['budget']}
-    assert {'inference', 'physics', 'whole step'} <= rows.keys()
+    assert {'inference: network', 'physics', 'whole step'} <= rows.keys()
     assert 'TCP, a core each' in text
 
 
