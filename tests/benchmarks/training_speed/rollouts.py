@@ -8,7 +8,8 @@ alternately and medians are reported; the flights are compared, bit for bit.
 
 Two ratios of measured parts show what one simulator could reach if it never worked at the same
 time as its agent and both had a core of their own: the loop in process plus an exchange per step,
-by DDS, or by a TCP ping-pong of the same bytes, which is the floor.
+by DDS, or by a TCP ping-pong of the same bytes, which is the floor. How much of a core each has
+here is measured, too: by roll-outs in process while another process computes on the other core.
 """
 from __future__ import annotations
 
@@ -16,6 +17,8 @@ import argparse
 import functools
 import os
 import statistics
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -114,6 +117,19 @@ def wire_fleet(folder: Path, simulators: int, num_envs: int) -> Iterator[Simulat
         yield fleet
 
 
+@contextmanager
+def busy_core(number: int) -> Iterator[None]:
+    """Keep one of this process's cores busy with another process."""
+    core = sorted(os.sched_getaffinity(0))[number % len(os.sched_getaffinity(0))]
+    with subprocess.Popen([
+            sys.executable, '-c', f'import os; os.sched_setaffinity(0, {{{core}}})\n'
+            'while True: sum(range(1000))']) as process:
+        try:
+            yield
+        finally:
+            process.kill()
+
+
 def measure(rockets: int, steps: int, rounds: int, policy: Policy) -> dict[str, Any]:
     """Return medians over rounds for a total number of rockets."""
     def in_process(groups: int) -> SerialFleet:
@@ -143,9 +159,12 @@ def measure(rockets: int, steps: int, rounds: int, policy: Policy) -> dict[str, 
         command = np.zeros((rockets, 3), np.float32)
         pings: list[float] = []
         exchanges: list[float] = []
+        beside: list[float] = []
         for _ in range(rounds):
             for name, course in courses.items():
                 speeds[name].append(course())
+            with busy_core(1), on_core(0):
+                beside.append(courses['in process, 1']())
             with on_core(0), on_core(1, simulator.pid):
                 pings.append(microseconds(floor, steps)[0])
                 exchanges.append(microseconds(lambda: client.step(command), steps)[0])
@@ -156,7 +175,7 @@ def measure(rockets: int, steps: int, rounds: int, policy: Policy) -> dict[str, 
 
     return {
         'equal': all(twins), 'dds_parts': with_exchange(exchanges),
-        'tcp_parts': with_exchange(pings),
+        'tcp_parts': with_exchange(pings), 'beside': ratio(beside, speeds['in process, 1']),
         'steps_per_second': {
             name: statistics.median(values) for name, values in speeds.items()},
         'ratio': {
@@ -186,7 +205,7 @@ def main() -> None:
           'rounds; DDS: simulators in processes of their own')
     print(f'{"rockets":>8}{"in process":>12}{"one sim.":>12}{"ratio":>7}{"two worlds":>12}'
           f'{"two sim.":>12}{"ratio":>7}{"of equals":>11}{"DDS parts":>11}{"TCP parts":>11}'
-          '  bits equal')
+          f'{"beside":>8}  bits equal')
     table = {}
     for size in options.sizes:
         figures = table[size] = measure(size, options.steps, options.rounds, policy)
@@ -195,6 +214,7 @@ def main() -> None:
               f'{ratios["DDS, 1"]:>7.2f}{speed["in process, 2"]:>12,.0f}{speed["DDS, 2"]:>12,.0f}'
               f'{ratios["DDS, 2"]:>7.2f}{figures["ratio_of_equals"]["DDS, 2"]:>11.2f}'
               f'{figures["dds_parts"]:>11.2f}{figures["tcp_parts"]:>11.2f}'
+              f'{figures["beside"]:>8.2f}'
               f'  {"yes" if figures["equal"] else "NO"}', flush=True)
     if options.output:
         write_json(options.output, {'steps': options.steps, 'rollouts': table})
