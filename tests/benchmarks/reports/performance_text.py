@@ -62,12 +62,11 @@ def _rollouts(f: Figures) -> str:
                / row['steps_per_second']['in process, 1'])
         + '). Compared with two worlds in process ("of equals"), two simulators reach '
         f'{each(lambda row: row["ratio_of_equals"]["DDS, 2"])}. \n\n'
-        'While another process computes on the other core, a roll-out in process reaches this '
-        f'share of its speed: {each(lambda row: row["beside"])}. How fast a single simulator with a core '
-        'of its own would be, if it never worked at the same time as its agent, follows from '
-        'measured parts: a step in process plus an exchange, with a core each. By DDS that is '
-        f'{each(lambda row: row["dds_parts"])}; by a TCP ping-pong of the same bytes, which is '
-        f'the floor, {each(lambda row: row["tcp_parts"])}.')
+        'With agent and one simulator pinned to a core each (`taskset -c 1 ros2 run …`), the share '
+        f'is {each(lambda row: row["ratio_apart"])}. A step in process plus an exchange, both '
+        f'measured alone, would give {each(lambda row: row["dds_parts"])}, and '
+        f'{each(lambda row: row["tcp_parts"])} with a TCP ping-pong of the same bytes as the '
+        'exchange, which is the floor.')
 
 
 def _fleet(f: Figures) -> str:

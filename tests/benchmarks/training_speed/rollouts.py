@@ -8,8 +8,8 @@ alternately and medians are reported; the flights are compared, bit for bit.
 
 Two ratios of measured parts show what one simulator could reach if it never worked at the same
 time as its agent and both had a core of their own: the loop in process plus an exchange per step,
-by DDS, or by a TCP ping-pong of the same bytes, which is the floor. How much of a core each has
-here is measured, too: by roll-outs in process while another process computes on the other core.
+by DDS, or by a TCP ping-pong of the same bytes, which is the floor. "Apart" are roll-outs in which
+agent and simulator are pinned to a core each.
 """
 from __future__ import annotations
 
@@ -17,8 +17,6 @@ import argparse
 import functools
 import os
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -101,6 +99,15 @@ class Course:
 @contextmanager
 def wire_fleet(folder: Path, simulators: int, num_envs: int) -> Iterator[SimulatorFleet]:
     """Run simulators in processes of their own and yield them as a fleet."""
+    with wire_simulators(folder, simulators, num_envs) as (fleet, _):
+        yield fleet
+
+
+@contextmanager
+def wire_simulators(
+    folder: Path, simulators: int, num_envs: int,
+) -> Iterator[tuple[SimulatorFleet, list[int]]]:
+    """Run simulators in processes of their own; yield them as a fleet, and their process ids."""
     with ExitStack() as stack:
         processes = Processes(folder)
         stack.callback(processes.end)
@@ -114,20 +121,7 @@ def wire_fleet(folder: Path, simulators: int, num_envs: int) -> Iterator[Simulat
             agent_node(f'bench_rollouts_{simulators}', processes.domain))
         fleet = stack.enter_context(SimulatorFleet(
             node, executor, ConnectionOptions(), 1, '/sim_*'))
-        yield fleet
-
-
-@contextmanager
-def busy_core(number: int) -> Iterator[None]:
-    """Keep one of this process's cores busy with another process."""
-    core = sorted(os.sched_getaffinity(0))[number % len(os.sched_getaffinity(0))]
-    with subprocess.Popen([
-            sys.executable, '-c', f'import os; os.sched_setaffinity(0, {{{core}}})\n'
-            'while True: sum(range(1000))']) as process:
-        try:
-            yield
-        finally:
-            process.kill()
+        yield fleet, [process.pid for process in started]
 
 
 def measure(rockets: int, steps: int, rounds: int, policy: Policy) -> dict[str, Any]:
@@ -139,10 +133,12 @@ def measure(rockets: int, steps: int, rounds: int, policy: Policy) -> dict[str, 
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         courses: dict[str, Callable[[], float]] = {}
         twins = []
+        pids: list[int] = []
         for simulators in (1, 2):
             (Path(folder) / str(simulators)).mkdir()
-            fleet = stack.enter_context(
-                wire_fleet(Path(folder) / str(simulators), simulators, rockets // simulators))
+            fleet, running = stack.enter_context(
+                wire_simulators(Path(folder) / str(simulators), simulators, rockets // simulators))
+            pids += running
             twin = Course(in_process(simulators), simulators, steps, policy)
             course = Course(fleet, simulators, steps, policy)
             courses[f'DDS, {simulators}'] = course
@@ -159,12 +155,12 @@ def measure(rockets: int, steps: int, rounds: int, policy: Policy) -> dict[str, 
         command = np.zeros((rockets, 3), np.float32)
         pings: list[float] = []
         exchanges: list[float] = []
-        beside: list[float] = []
+        apart: list[float] = []
         for _ in range(rounds):
             for name, course in courses.items():
                 speeds[name].append(course())
-            with busy_core(1), on_core(0):
-                beside.append(courses['in process, 1']())
+            with on_core(0), on_core(1, pids[0]):
+                apart.append(courses['DDS, 1']())
             with on_core(0), on_core(1, simulator.pid):
                 pings.append(microseconds(floor, steps)[0])
                 exchanges.append(microseconds(lambda: client.step(command), steps)[0])
@@ -174,8 +170,9 @@ def measure(rockets: int, steps: int, rounds: int, policy: Policy) -> dict[str, 
         return alone / (alone + 1e-6 * statistics.median(times))
 
     return {
-        'equal': all(twins), 'dds_parts': with_exchange(exchanges),
-        'tcp_parts': with_exchange(pings), 'beside': ratio(beside, speeds['in process, 1']),
+        'equal': all(twins), 'ratio_apart': ratio(apart, speeds['in process, 1']),
+        'dds_parts': with_exchange(exchanges),
+        'tcp_parts': with_exchange(pings),
         'steps_per_second': {
             name: statistics.median(values) for name, values in speeds.items()},
         'ratio': {
@@ -202,19 +199,19 @@ def main() -> None:
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     policy = shipped_policy()
     print(f'rocket steps/s of roll-outs of {options.steps} steps, median of {options.rounds} '
-          'rounds; DDS: simulators in processes of their own')
-    print(f'{"rockets":>8}{"in process":>12}{"one sim.":>12}{"ratio":>7}{"two worlds":>12}'
-          f'{"two sim.":>12}{"ratio":>7}{"of equals":>11}{"DDS parts":>11}{"TCP parts":>11}'
-          f'{"beside":>8}  bits equal')
+          'rounds; DDS: simulators in processes of their own; apart: one, with a core each')
+    print(f'{"rockets":>8}{"in process":>12}{"one sim.":>12}{"ratio":>7}{"apart":>7}'
+          f'{"two worlds":>12}{"two sim.":>12}{"ratio":>7}{"of equals":>11}{"DDS parts":>11}{"TCP parts":>11}'
+          '  bits equal')
     table = {}
     for size in options.sizes:
         figures = table[size] = measure(size, options.steps, options.rounds, policy)
         speed, ratios = figures['steps_per_second'], figures['ratio']
         print(f'{size:>8}{speed["in process, 1"]:>12,.0f}{speed["DDS, 1"]:>12,.0f}'
-              f'{ratios["DDS, 1"]:>7.2f}{speed["in process, 2"]:>12,.0f}{speed["DDS, 2"]:>12,.0f}'
+              f'{ratios["DDS, 1"]:>7.2f}{figures["ratio_apart"]:>7.2f}'
+              f'{speed["in process, 2"]:>12,.0f}{speed["DDS, 2"]:>12,.0f}'
               f'{ratios["DDS, 2"]:>7.2f}{figures["ratio_of_equals"]["DDS, 2"]:>11.2f}'
               f'{figures["dds_parts"]:>11.2f}{figures["tcp_parts"]:>11.2f}'
-              f'{figures["beside"]:>8.2f}'
               f'  {"yes" if figures["equal"] else "NO"}', flush=True)
     if options.output:
         write_json(options.output, {'steps': options.steps, 'rollouts': table})

@@ -91,7 +91,7 @@ def test_text_of_roll_outs_and_many_simulators() -> None:
     said = SECTIONS['rollouts'][1]({'rollouts': {
         size: {'steps_per_second': speed, 'ratio': {'DDS, 2': ratio},
                'ratio_of_equals': {'DDS, 2': ratio / 0.8}, 'dds_parts': 0.75, 'tcp_parts': 0.95,
-               'beside': 0.6}
+               'ratio_apart': 0.45}
         for size, ratio in (('256', 0.4), ('4096', 0.72))}})
     assert '0.40 with 256, 0.72 with 4096 rockets' in said
     assert '0.50 with 256, 0.90 with 4096' in said
