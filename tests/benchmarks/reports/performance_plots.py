@@ -190,10 +190,12 @@ def _exchange_finding(f: Figures) -> str:
 
 def _budget_finding(f: Figures) -> str:
     parts = [row for row in f['budget'] if row['who'] in ('agent', 'simulator', 'between')]
-    largest = max(parts, key=lambda row: float(row['us']))
-    share = largest['us'] / sum(row['us'] for row in parts)
-    return (f'The largest part of a step of {f["num_envs"]} rockets, {share:.0%}: '
-            f'{largest["who"]}, {largest["what"]}')
+    inference, between = (
+        sum(row['us'] for row in parts if chosen(row)) / sum(row['us'] for row in parts)
+        for chosen in (
+            lambda row: row['what'].startswith('inference'), lambda row: row['who'] == 'between'))
+    return (f'Inference takes {inference:.0%} of a step of {f["num_envs"]} rockets,\n'
+            f'DDS and the kernel {between:.0%}')
 
 
 def _rollouts_finding(f: Figures) -> str:

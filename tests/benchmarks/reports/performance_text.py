@@ -61,9 +61,9 @@ def _rollouts(f: Figures) -> str:
         + each(lambda row: row['steps_per_second']['in process, 2']
                / row['steps_per_second']['in process, 1'])
         + '). Compared with two worlds in process ("of equals"), two simulators reach '
-        f'{each(lambda row: row["ratio_of_equals"]["DDS, 2"])}. \n\n'
-        'With agent and one simulator pinned to a core each (`taskset -c 1 ros2 run …`), the share '
-        f'is {each(lambda row: row["ratio_apart"])}. A step in process plus an exchange, both '
+        f'{each(lambda row: row["ratio_of_equals"]["DDS, 2"])}.\n\n'
+        'With agent and one simulator pinned to a core each (`taskset -c 1 ros2 run …`), it is '
+        f'{each(lambda row: row["ratio_apart"])}. A step in process plus an exchange, both '
         f'measured alone, would give {each(lambda row: row["dds_parts"])}, and '
         f'{each(lambda row: row["tcp_parts"])} with a TCP ping-pong of the same bytes as the '
         'exchange, which is the floor.')

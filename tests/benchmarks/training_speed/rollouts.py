@@ -201,8 +201,8 @@ def main() -> None:
     print(f'rocket steps/s of roll-outs of {options.steps} steps, median of {options.rounds} '
           'rounds; DDS: simulators in processes of their own; apart: one, with a core each')
     print(f'{"rockets":>8}{"in process":>12}{"one sim.":>12}{"ratio":>7}{"apart":>7}'
-          f'{"two worlds":>12}{"two sim.":>12}{"ratio":>7}{"of equals":>11}{"DDS parts":>11}{"TCP parts":>11}'
-          '  bits equal')
+          f'{"two worlds":>12}{"two sim.":>12}{"ratio":>7}{"of equals":>11}'
+          f'{"DDS parts":>11}{"TCP parts":>11}  bits equal')
     table = {}
     for size in options.sizes:
         figures = table[size] = measure(size, options.steps, options.rounds, policy)

@@ -109,9 +109,10 @@ def test_text_of_roll_outs_and_many_simulators() -> None:
 @pytest.mark.parametrize(('part', 'figures', 'title'), [
     ('exchange', {'exchange': {'256': {'ratio_apart': 2.04}}}, 'takes 2.0 times'),
     ('budget', {'num_envs': 256, 'budget': [
-        {'who': 'agent', 'what': 'inference', 'us': 60.0},
+        {'who': 'agent', 'what': 'inference: features', 'us': 20.0},
+        {'who': 'agent', 'what': 'inference: network', 'us': 40.0},
         {'who': 'between', 'what': 'DDS', 'us': 40.0}, {'who': '', 'what': 'whole', 'us': 100.0}]},
-     'rockets, 60%: agent, inference'),
+     'Inference takes 60% of a step of 256 rockets,\nDDS and the kernel 40%'),
     ('rollouts', {'rollouts': {
         '256': {'ratio': {'DDS, 2': 0.41}}, '4096': {'ratio': {'DDS, 2': 0.99}}}},
      '41% with 256, 99% with 4,096'),
