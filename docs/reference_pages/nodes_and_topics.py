@@ -48,7 +48,7 @@ _MEANING = {
     'rocket_*/wrench': 'Force of the engines, N, and torque of the attitude control (in '
                        '`lunar_lander`, of the side engines), N m, in the body frame.',
     'rocket_*/wind': 'Side acceleration and gusts, m/s², in frame `world`; a steady wind acts '
-                     'through the drag. In `lunar_lander`, the acceleration by the wind.',
+                     'through the drag. In `lunar_lander`, the acceleration due to wind.',
     'rocket_*/conditions': 'Values drawn for the episode, by name.',
     'rocket_*/markers': 'Flame, path, wind, label and, in `lunar_lander`, the ground.',
     'robot_description': 'Model of the vehicle as URDF, equal for all rockets.',

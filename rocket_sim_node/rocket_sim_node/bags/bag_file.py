@@ -317,7 +317,7 @@ class BagFile:
 
 
 class Damage(NamedTuple):
-    """What ends the readable part of a file."""
+    """Where and why a file stops being readable."""
 
     place: int
     """Byte at which the damaged record begins."""

@@ -279,14 +279,16 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
 
         :raises TypeError: when it cannot be copied; names what to use instead.
         """
+        refusal = TypeError(
+            f'deepcopy: an environment of {self.world_spec.name} cannot be copied; restore its '
+            'snapshot in another one: other.unwrapped.restore(env.unwrapped.snapshot())')
+        if self.simulated is None:
+            raise refusal
         made = memo[id(self)] = object.__new__(type(self))
         try:
             made.__dict__.update(copy.deepcopy(self.__dict__, memo))
         except TypeError as error:
-            raise TypeError(
-                f'deepcopy: an environment of {self.world_spec.name} cannot be copied; restore '
-                'its snapshot in another one: other.unwrapped.restore(env.unwrapped.snapshot())'
-            ) from error
+            raise refusal from error
         return made
 
     def _own_state(self) -> dict[str, NDArray[Any]]:

@@ -20,7 +20,7 @@ def _exchange(f: Figures) -> str:
         'In one exchange, the agent sends an action and the simulator returns an observation and '
         'a reward, for a whole batch in lock-step. The world of this benchmark does no physics. '
         'The floor is a TCP ping-pong of the same bytes between two Python processes. Both are '
-        'measured twice: on the cores that the scheduler chooses, which for TCP is mostly a '
+        'measured twice: on the cores that the scheduler chooses, which for TCP is often a '
         'single one, and with each process on its own core, which suits a simulator and an agent '
         'that both have work to do. '
         f'With {size} rockets and a core each, DDS takes {row["dds_apart"]:.0f} us and TCP '
@@ -62,11 +62,13 @@ def _rollouts(f: Figures) -> str:
                / row['steps_per_second']['in process, 1'])
         + '). Compared with two worlds in process ("of equals"), two simulators reach '
         f'{each(lambda row: row["ratio_of_equals"]["DDS, 2"])}.\n\n'
-        'With agent and one simulator pinned to a core each (`taskset -c 1 ros2 run …`), it is '
-        f'{each(lambda row: row["ratio_apart"])}. A step in process plus an exchange, both '
-        f'measured alone, would give {each(lambda row: row["dds_parts"])}, and '
-        f'{each(lambda row: row["tcp_parts"])} with a TCP ping-pong of the same bytes as the '
-        'exchange, which is the floor.')
+        'One simulator and its agent, each pinned to a core of its own (`taskset -c 1 ros2 run '
+        '…`), reach this share of the speed in process: '
+        f'{each(lambda row: row["ratio_apart"])}. From a step in process and an exchange over '
+        f'DDS, each measured alone, one would expect {each(lambda row: row["dds_parts"])}; with a '
+        'TCP ping-pong of the same bytes as the exchange, which is the floor, '
+        f'{each(lambda row: row["tcp_parts"])}. The parts take longer in a roll-out than alone, '
+        'as [inference](#the-budget-of-a-step) shows.')
 
 
 def _fleet(f: Figures) -> str:

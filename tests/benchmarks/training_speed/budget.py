@@ -3,9 +3,10 @@
 
 There is one simulator and one agent, whose policy learns. The agent's parts are timed during
 a roll-out over DDS; the simulator's parts, and those of inference, are timed in this process, with
-the same rockets. The agent records the results of a step while it waits for the next one. The rest
-of that wait is communication: DDS, the kernel, and waking threads. The lower bound is the time
-that TCP takes for the same bytes, with one core per process.
+the same rockets. The rest of inference is the noise, and what it takes longer in a roll-out than
+alone. The agent records the results of a step while it waits for the next one. The rest of that
+wait is communication: DDS, the kernel, and waking threads. The lower bound is the time that TCP
+takes for the same bytes, with one core per process.
 """
 from __future__ import annotations
 
@@ -169,7 +170,7 @@ def measure(num_envs: int, steps: int, rounds: int, policy: Policy) -> list[dict
     agent = {name: statistics.median(values) for name, values in found.items()}
     simulator = simulator_pieces(num_envs, 20 * rounds)
     inference = inference_pieces(policy, num_envs, 20 * rounds)
-    inference['inference: noise, cold caches'] = agent.pop('inference') - sum(inference.values())
+    inference['inference: rest'] = agent.pop('inference') - sum(inference.values())
     agent = {**inference, **agent}
     # With what the agent does meanwhile.
     wait, whole = agent.pop('wait'), agent.pop('whole step')

@@ -296,7 +296,7 @@ def test_a_killed_set_up_is_done_again(project: Project) -> None:
 def test_an_interrupted_set_up_is_reported_and_can_continue(
         project: Project, later: float, send: Callable[[int, int], None], number: int,
         ended: int) -> None:
-    process = project.start('exec launch_scripts/setup', PIP_SECONDS='30')
+    process = project.start('exec launch_scripts/setup', PIP_SECONDS='120')
     assert process.stdout is not None
     for line in process.stdout:
         if 'Preparing pip' in line:
@@ -319,10 +319,11 @@ def test_an_interruption_while_a_command_starts_ends_the_command(project: Projec
     assert text.count(noted) == 1
     signals = '  [[ $text != Installing* ]] || kill -TERM "$$"\n'
     script.write_text(text.replace(noted, signals + noted))
-    process = project.start(PIP_SECONDS='30')
+    process = project.start(PIP_SECONDS='120')
     output, _ = process.communicate(timeout=20)
     assert process.returncode == 143, output
     script.write_text(text)
+    # No pip that holds the lock is left.
     project.calls()
     assert project.run()[0] == 0
     assert project.calls() == _ALL

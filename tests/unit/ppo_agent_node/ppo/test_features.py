@@ -92,7 +92,7 @@ def test_the_fast_path_normalises_as_the_module_does() -> None:
 
 
 @pytest.mark.parametrize('kind', ['descent', 'guidance'])
-@pytest.mark.parametrize('shape', [(15,), (1, 15), (3, 15), (16, 15), (257, 15), (2, 5, 15)])
+@pytest.mark.parametrize('shape', [(15,), (0, 15), (1, 15), (3, 15), (257, 15), (2, 5, 15)])
 def test_in_flight_the_features_are_the_same_bit_for_bit(
     kind: str, shape: tuple[int, ...],
 ) -> None:
@@ -103,7 +103,10 @@ def test_in_flight_the_features_are_the_same_bit_for_bit(
     in_flight = module.in_flight()
     for scale in (1e-6, 1.0, 1e3):
         observation = scale * torch.randn(shape, generator=generator)
-        assert torch.equal(in_flight(observation), module(observation))
+        found, expected = in_flight(observation), module(observation)
+        assert found.shape == expected.shape
+        assert torch.equal(  # -0.0 is equal to 0.0
+            found.contiguous().view(torch.int32), expected.contiguous().view(torch.int32))
     observation.fill_(math.nan)
     assert bool(in_flight(observation).isnan().all())
 

@@ -81,6 +81,18 @@ def test_a_truncated_snapshot_is_refused() -> None:
     assert world.snapshot() == state
 
 
+def test_an_array_hidden_by_damage_is_noticed() -> None:
+    """Without it, the snapshot looks like an older one, which lacks this array."""
+    world = flown()
+    state = bytearray(world.snapshot())
+    entry = b'PK\x01\x02'
+    last = state.rindex(entry)
+    before = state.rindex(entry, 0, last)
+    # The entry before claims to have a comment, as long as the last entry.
+    state[before + 32:before + 34] = (len(state) - 22 - last).to_bytes(2, 'little')
+    assert_refused(world, bytes(state), 'snapshot: .*its directory is damaged')
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('bit', range(8))
 def test_a_flipped_bit_is_refused_or_without_effect(bit: int) -> None:
