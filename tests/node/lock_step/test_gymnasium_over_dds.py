@@ -73,7 +73,7 @@ def test_flights_over_dds_are_those_in_process(over_dds: Any) -> None:
 
     copy = gymnasium.make_vec(NAME, num_envs=N)  # as the simulators were started
     copy.restore(ours.snapshot())
-    with pytest.raises(TypeError, match='^deepcopy: an environment of rocket cannot be copied'):
+    with pytest.raises(TypeError, match=r'^deepcopy: an environment of rocket cannot be copied'):
         deepcopy(ours)
     action = ours.action_space.sample()
     np.testing.assert_array_equal(ours.step(action)[0], copy.step(action)[0])
