@@ -3,7 +3,6 @@
 # Output of set-up: steps with elapsed time on stderr, and failures in a line or two. Sourced.
 
 ticker=
-working=  # the process group of a step
 
 # fail LINE...: prints what is wrong and what to do next, one line each, and exits with status 1.
 fail() {
@@ -56,8 +55,9 @@ end_tick() {
 
 # end_step: interrupts the command of a step, and kills what is left of it after five seconds.
 end_step() {
-  local tries job
-  # A signal may arrive when the command has started and `working` is not set yet.
+  local tries job working=
+  # The command is the only job beside the ticker. A variable with its process id would be set late: a signal may arrive
+  # right after the command has started.
   for job in $(jobs -p); do
     [[ $job == "$ticker" ]] || working=$job
   done
@@ -91,9 +91,7 @@ step() {
   # In the foreground, it would delay the traps of signals to its end. In the background, bash makes it ignore SIGINT;
   # the trap undoes that.
   (trap - INT; exec setsid "$@") < /dev/null >> "$log" 2>&1 &
-  working=$!
-  wait "$working" || status=$?
-  working=
+  wait "$!" || status=$?
   end_tick
   if ((status == 0)); then printf '  %s: done in %d s\n' "$text" "$((SECONDS - started))" >&2; fi
   return "$status"

@@ -315,10 +315,10 @@ def test_an_interrupted_set_up_is_reported_and_can_continue(
 def test_an_interruption_while_a_command_starts_ends_the_command(project: Project) -> None:
     script = project.root / 'launch_scripts/progress.sh'
     text = script.read_text()
-    noted = '  working=$!\n'
-    assert text.count(noted) == 1
+    waits = '  wait "$!" || status=$?\n'
+    assert text.count(waits) == 1
     signals = '  [[ $text != Installing* ]] || kill -TERM "$$"\n'
-    script.write_text(text.replace(noted, signals + noted))
+    script.write_text(text.replace(waits, signals + waits))
     process = project.start(PIP_SECONDS='120')
     output, _ = process.communicate(timeout=20)
     assert process.returncode == 143, output
