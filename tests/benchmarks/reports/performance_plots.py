@@ -190,12 +190,11 @@ def _exchange_finding(f: Figures) -> str:
 
 def _budget_finding(f: Figures) -> str:
     parts = [row for row in f['budget'] if row['who'] in ('agent', 'simulator', 'between')]
-    inference, between = (
-        sum(row['us'] for row in parts if chosen(row)) / sum(row['us'] for row in parts)
-        for chosen in (
-            lambda row: row['what'].startswith('inference'), lambda row: row['who'] == 'between'))
-    return (f'Inference takes {inference:.0%} of a step of {f["num_envs"]} rockets,\n'
-            f'DDS and the kernel {between:.0%}')
+    whole = sum(row['us'] for row in parts)
+    inference = sum(row['us'] for row in parts if row['what'].startswith('inference'))
+    between = sum(row['us'] for row in parts if row['who'] == 'between')
+    return (f'Inference takes {inference / whole:.0%} of a step of {f["num_envs"]} rockets,\n'
+            f'DDS and the kernel {between / whole:.0%}')
 
 
 def _rollouts_finding(f: Figures) -> str:

@@ -116,8 +116,10 @@ def _finite(log_p: Tensor) -> Tensor:
     """
     # Their sum is finite, unless one of them is not or they are too large to be added.
     if not math.isfinite(float(log_p.sum())):
-        for row in (~log_p.isfinite().all(-1)).nonzero()[:1, 0].tolist():
-            raise ValueError(f'policy: the probabilities of row {row} are not finite')
+        bad = (~log_p.isfinite().all(-1)).nonzero()
+        if len(bad):
+            raise ValueError(
+                f'policy: the probabilities of row {int(bad[0, 0])} are not finite')
     return log_p
 
 
